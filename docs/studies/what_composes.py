@@ -49,7 +49,6 @@ REASONS = {  # words by the text of a refusal
     r"takes only pair forces and gravity": "pairs and gravity alone",
     r"needs the Jacobian of": "too many unknowns for a Jacobian",
     r"keeps no constraints": "the method keeps no constraints",
-    r"does not act on constraints": "the barostat moves no constraints",
     r"only a native run keeps": "the program gets no constraints",
     r"a heat bath makes no sense": "gravity has no equilibrium",
     r"which has no volume": "open space has no volume",

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.compare.engine_forces import EngineComparison, EngineForces, compare_engines
     from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
     from kickdrift.analysis.crystals.elastic import ElasticConstants, elastic_constants
+    from kickdrift.analysis.observables.dielectric import Dielectric, dielectric_constant
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.observables.pressure import pressure_tensor
     from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
+    "Dielectric": "kickdrift.analysis.observables.dielectric",
     "Diffusion": "kickdrift.analysis.observables.motion",
     "ElasticConstants": "kickdrift.analysis.crystals.elastic",
     "EngineComparison": "kickdrift.analysis.compare.engine_forces",
@@ -43,6 +45,7 @@ _HOMES = {
     "Spectrum": "kickdrift.statistics.quasi_periodic",
     "block_average": "kickdrift.statistics.blocks",
     "compare_engines": "kickdrift.analysis.compare.engine_forces",
+    "dielectric_constant": "kickdrift.analysis.observables.dielectric",
     "elastic_constants": "kickdrift.analysis.crystals.elastic",
     "engine_checks": "kickdrift.analysis.certify.certifying",
     "ensemble_checks": "kickdrift.analysis.certify.certifying",
@@ -61,6 +64,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Dielectric",
     "Diffusion",
     "ElasticConstants",
     "EngineComparison",
@@ -76,6 +80,7 @@ __all__ = [
     "Spectrum",
     "block_average",
     "compare_engines",
+    "dielectric_constant",
     "elastic_constants",
     "engine_checks",
     "ensemble_checks",

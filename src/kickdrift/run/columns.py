@@ -63,7 +63,7 @@ def with_body_columns(columns: Any, run: Integration) -> Any:
     temperatures of molecules with constraints, and the components of the pressure in a box that changes its shape."""
     own = run.events.roster.columns() if run.events else []
     live = getattr(run.flow, "live", None)
-    if live is not None and live.free and getattr(run.system, "constraints", None) is None:
+    if live is not None and live.free:
         own.append(Column(TENSOR, "pressure", (len(NAMES),), _pressure_tensor))
     own += molecule_columns(run.system, run.method.drags)
     if spinning(run.system):

@@ -170,7 +170,7 @@ class ParticleFlow(ParticleStates):
         self._shared = (self._listed or self.forces.sums_before_samples) and not mixed
         # a sample must not change the run's lists; lists of many particles take much memory, and are made when needed
         self._kept = None if self._listed and len(system) >= MANY else self._forces_aside(system)
-        self._seen: tuple[Floats, Floats, float, Floats] | None = None  # positions, edges, virial and its parts
+        self._seen: tuple[Floats, Floats, float, Floats, Floats] | None = None  # y, edges, virial, its parts, forces
         self.others: BoundForces | None = None  # forces that a method has bound by itself
         self._look_at(system)
         if system.dimensions == 2:
@@ -240,19 +240,21 @@ class ParticleFlow(ParticleStates):
         forces = self._looks(fresh)
         status = forces.call(look, time, _plain(y), self._desk, last, looks.rows, row, self._cursor)
         if self.live and self.live.free and forces.along is not None:
-            self._seen = y[0].copy(), self.live.lengths.copy(), float(looks.rows[row, VIRIAL]), forces.along.copy()
+            virial, n = float(looks.rows[row, VIRIAL]), y.shape[2]
+            felt = self._desk[HEAD + n : HEAD + 4 * n].reshape(3, n).copy()
+            self._seen = y.copy(), self.live.lengths.copy(), virial, forces.along.copy(), felt
         return status
 
     def pressure_tensor(self, y: Floats, time: float, drags: bool) -> Floats:
         """Components (6,) of the pressure at y in a box that changes its shape, see `looks.tensor`."""
         assert self.live is not None
         if self._seen is None or not (
-            np.array_equal(self._seen[0], y[0]) and np.array_equal(self._seen[1], self.live.lengths)
+            np.array_equal(self._seen[0], y) and np.array_equal(self._seen[1], self.live.lengths)
         ):  # no sample was taken here
             self.sample(y, time, 0)
         assert self._seen is not None
-        _, _, virial, along = self._seen
-        return components(self.subject, y, virial, along, self.live.volume, drags)
+        _, _, virial, along, a = self._seen
+        return components(self.subject, y, virial, along, a, self.live.volume, drags)
 
     def looking(self, fresh: bool) -> Looking | None:
         """Data for many samples in a row by compiled code; None if pair lists are made anew each time."""

@@ -151,8 +151,7 @@ class SplittingStepper(FixedStepper):
             table += [(bound.address, bound.work, False) for bound in self.manifold.flows]
         if options.get(PRESSURE.name) is not None:
             self.barostat = Barostat(flow, options, method)
-            if not held:
-                stages, further_stages = self.barostat.stages
+            stages, further_stages = self.barostat.stages
             table += [(bound.address, bound.work, moves) for bound, moves in self.barostat.added]
             pressed = self.barostat.pressed
         elif self._baths:

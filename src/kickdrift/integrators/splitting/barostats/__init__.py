@@ -1,4 +1,4 @@
 """Barostats as flows of splitting words.
 
-Imports `stepping` and `baths`. The stepper of splittings uses them.
+Imports `stepping`, `baths` and `constraints`. The stepper of splittings uses them.
 """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -39,6 +40,7 @@ from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, TOO_STRA
 from kickdrift.integrators.splitting.barostats.shape import START, shape_of
 from kickdrift.integrators.splitting.baths.bath import SHORTEST_TAU, Bathed, bathed
 from kickdrift.integrators.splitting.baths.nose_hoover import energy_of
+from kickdrift.integrators.splitting.constraints.flows import Manifold, on_manifold
 from kickdrift.integrators.splitting.subflows import rows_of
 from kickdrift.integrators.stepping.subflow_code import ACTED, SUMMED, BoundSubflow, Pressed
 from kickdrift.looks.centres import parted
@@ -86,7 +88,7 @@ class Lettered(Protocol):
     def groups(self) -> int: ...
 
 
-def check_options(kind: str, options: Options, method: Lettered, held: bool = False) -> None:
+def check_options(kind: str, options: Options, method: Lettered) -> None:
     """Refuse a bath that the barostat does not go with, and options that are missing or not the barostat's."""
     if method.groups:
         raise InputError(
@@ -95,11 +97,6 @@ def check_options(kind: str, options: Options, method: Lettered, held: bool = Fa
     if kind == MTK and method.further != "N":
         raise InputError(
             f"barostat: mtk goes with nose-hoover, not with {method.name}; c-rescale goes with any heat bath"
-        )
-    if held and kind == MTK:
-        raise InputError(
-            "barostat: mtk does not act on constraints, because it scales the places of single particles in each step; "
-            "c-rescale and monte-carlo move whole molecules between steps"
         )
     needed, taken = BAROSTATS[kind]
     for name in needed:
@@ -136,11 +133,6 @@ def check_pressed(system: Any, options: Options) -> None:
         if reason:
             raise InputError(f"pressure: force {force.name!r} does not scale with the box: {reason}")
     coupling = coupling_of(options)
-    if system.constraints is not None and coupling == FULL:
-        raise InputError(
-            f"coupling: {FULL} does not act on constraints, because its virial is that of particles, not of whole "
-            "molecules; take isotropic, semi-isotropic or per-axis"
-        )
     if coupling in APART and system.virtual_sites is not None and system.virtual_sites.normal.any():
         raise InputError(
             f"coupling: {coupling} needs the virial along each axis, and virtual sites beside the plane of their "
@@ -181,7 +173,7 @@ class Barostat:
         system: Any = flow.subject
         check_pressed(system, options)
         self._kind = options.get(BAROSTAT.name) or C_RESCALE
-        check_options(self._kind, options, method, system.constraints is not None)
+        check_options(self._kind, options, method)
         self._live: Any = flow.live  # type: ignore[union-attr]
         self._reach = reach_of(system)
         self._coupling = coupling_of(options)
@@ -190,12 +182,19 @@ class Barostat:
         self._shape = shape_of(self.piston, 2.0 * self._reach, stress_of(options)) if free else None
         self.flows: dict[str, BoundSubflow] = {}
         at, every = (0, 0), every_of(self._kind, options)
-        word, further = (method.word, method.weights), method.further
+        own = mtk.LETTERS if self._kind == MTK else ""
+        letters: Sequence[str] = method.word
+        weights, further = method.weights, method.further
         if self._kind == MTK:
-            word, further = mtk.word_with_box(*word, every), further + mtk.LETTERS
-        self._rows = rows_of(*word, further)
+            letters, weights = mtk.word_with_box(method.word, weights, every)
+        if system.constraints is not None:
+            letters, weights = on_manifold(letters, weights, own)
+            further += "".join(Manifold.letters)
+        further += own
+        self._rows = rows_of(letters, weights, further)
         if self._kind == MTK:
-            turns = mtk.Turns(every, self._rows.shape[1] // 2)
+            pushes = (self._rows[3] != 0) & (self._rows[5] == further.index(mtk.PUSH))
+            turns = mtk.Turns(every, int(np.flatnonzero(pushes)[-1]))
             kind, box = (mtk_shape, self._shape) if self._shape else (mtk, self.piston)
             made = kind.flows(box, options, turns)
             self.flows = {letter: bound.ready() for letter, bound in made.items()}
@@ -235,7 +234,8 @@ class Barostat:
 
     @property
     def stages(self) -> tuple[Floats, Floats]:
-        """Stages and further stages of the method's word with the flows of the box; see `Splitting`."""
+        """Stages and further stages of the method's word with the flows of constraints, then of the box; see
+        `Splitting`."""
         return self._rows[:3].copy(), self._rows[3:6].copy()
 
     @property

@@ -6,7 +6,8 @@ favoured, and S is as likely as -S, so each move is as likely as its reverse. It
 
 min(1, exp(-(dU + P dV + dH) / k_B T + (f / d + 1) ln(V' / V))).
 
-Velocities stay: their distribution depends neither on the shape nor on the frame.
+Velocities stay: their distribution depends neither on the shape nor on the frame. Molecules with constraints turn with
+the frame, and so does the motion within them; f / d is their number.
 """
 
 import math
@@ -23,11 +24,13 @@ from kickdrift.integrators.splitting.barostats.piston import volume
 from kickdrift.integrators.splitting.barostats.shape import (
     LARGEST,
     STRAIN,
+    TURN,
     Shape,
     box_energy,
     choose_edges,
     norm,
     strain,
+    turn_motion,
 )
 from kickdrift.integrators.stepping.subflow_code import PROPOSE, TAKEN_BACK, BoundSubflow, subflow_body
 from kickdrift.model.state import Floats
@@ -79,13 +82,14 @@ def monte_carlo_shape(parts, t, x, v, span, step, stage):
                     s[i, j] = 0.0
         return strain(shape, x, None)
     state = piston.state
-    got, particles = piston.sums[0] - parts.sums[0], piston.bath.freedom / axes
+    got, particles = piston.sums[0] - parts.sums[0], piston.centres
     cost = (got + box_energy(shape) - piston.room[1]) / piston.bath.thermal
     cost -= (particles + 1.0) * math.log(volume(piston) / piston.room[0])
     state[TRIED] += 1.0
     if math.log(parts.noise[2, 0]) < -cost:
         state[ACCEPTED] += 1.0
         piston.work[0] += got
+        turn_motion(piston.molecules, piston, v, shape.room[TURN])
         choose_edges(shape)
         return OK
     keep(parts.before, x)

@@ -11,6 +11,10 @@ kinetic energy of the box and the energy of both chains. In a step the force on 
 kick, and the box stretches before and after each drift: exact flows in a symmetric order. With ``pressure_every`` the
 force on the box acts only before and after so many steps, for the time of all of them (multiple time steps for a
 barostat: Lippert et al. 2013, J. Chem. Phys. 139, 164106, doi:10.1063/1.4825247).
+
+Molecules with constraints move as wholes: x, v, K and f are then those of their centres, and p is the pressure of the
+centres. These flows change neither the shape of a molecule nor the motion within it, so velocities need no projection
+for them.
 """
 
 from __future__ import annotations
@@ -23,7 +27,14 @@ import numpy as np
 
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options import PRESSURE_TAU
-from kickdrift.integrators.splitting.barostats.piston import Piston, pressures, scale_axis, stretch, volume
+from kickdrift.integrators.splitting.barostats.piston import (
+    Piston,
+    add_motion_within,
+    pressures,
+    slow_centres,
+    stretch,
+    volume,
+)
 from kickdrift.integrators.splitting.baths.nose_hoover import STEPS, Chain, chain_energy, chain_step
 from kickdrift.integrators.splitting.subflows import DRIFT, KICK
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
@@ -81,7 +92,9 @@ def box_push(parts, t, x, v, span, step, stage):
         return OK
     span *= steps
     found = piston.room[4:7]
-    v_now, per_freedom = volume(piston), 2.0 * pressures(piston, v, found) / piston.bath.freedom
+    heat = pressures(piston, v, found)
+    heat -= add_motion_within(piston.molecules, piston, x, v, found)
+    v_now, per_freedom = volume(piston), 2.0 * heat / freedom_of(piston)
     for a in range(piston.sizes.size):
         push = piston.sizes[a] * (v_now * (found[a] - piston.pressure) + per_freedom)
         piston.state[a] += span * push / parts.masses[a]
@@ -97,9 +110,14 @@ def box_stretch(parts, t, x, v, span, step, stage):
         factors[a] = math.exp(span * piston.state[a])
     status = stretch(piston, x, v, factors)
     if status == OK:
-        for k in range(piston.bath.axes):
-            scale_axis(v, k, math.exp(-span * trace / piston.bath.freedom), piston.bath.motion[k])
+        slow_centres(piston.molecules, piston, v, math.exp(-span * trace / freedom_of(piston)))
     return status
+
+
+@strict
+def freedom_of(piston):
+    """Degrees of freedom of particles and molecules that move on their own."""
+    return piston.centres * piston.bath.axes
 
 
 @strict
@@ -129,7 +147,7 @@ def box_chain(parts, t, x, v, span, step, stage):
 def flows(piston: Piston, options: Options, turns: Turns) -> dict[str, BoundSubflow]:
     """Return the flows of the box in a run, by letter; the box is at rest at the start."""
     bath, groups, tau = piston.bath, piston.sizes, float(options[PRESSURE_TAU.name])
-    masses = groups * (bath.freedom + bath.axes) / bath.axes * bath.thermal * tau**2
+    masses = groups * (freedom_of.py_func(piston) + bath.axes) / bath.axes * bath.thermal * tau**2
     of_chain = np.full(int(options["chain"]), bath.thermal * tau**2)
     of_chain[0] *= len(groups)
     own = bath._replace(freedom=float(len(groups)), heat=np.zeros(1))

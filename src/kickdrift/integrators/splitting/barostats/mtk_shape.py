@@ -19,8 +19,8 @@ import numpy as np
 
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options import PRESSURE_TAU
-from kickdrift.integrators.splitting.barostats.mtk import PUSH, STRETCH, THERMOSTAT, Turns, turn
-from kickdrift.integrators.splitting.barostats.piston import scale_axis, volume
+from kickdrift.integrators.splitting.barostats.mtk import PUSH, STRETCH, THERMOSTAT, Turns, freedom_of, turn
+from kickdrift.integrators.splitting.barostats.piston import slow_centres, volume
 from kickdrift.integrators.splitting.barostats.shape import (
     BEGUN,
     FOUND,
@@ -72,7 +72,7 @@ def shape_push(parts, t, x, v, span, step, stage):
     if steps == 0.0:
         return OK
     axes, v_now = piston.bath.axes, volume(piston)
-    per_freedom = 2.0 * pressure_tensor(shape, x, v) / piston.bath.freedom
+    per_freedom = 2.0 * pressure_tensor(shape, x, v) / freedom_of(piston)
     wanted_pressure(shape)
     found, wanted = shape.room[FOUND], shape.room[WANTED]
     for i in range(axes):
@@ -84,7 +84,7 @@ def shape_push(parts, t, x, v, span, step, stage):
 
 @subflow_body(ShapeStretch)
 def shape_stretch(parts, t, x, v, span, step, stage):
-    shape, bath, trace = parts.shape, parts.shape.piston.bath, 0.0
+    shape, piston, trace = parts.shape, parts.shape.piston, 0.0
     for i in range(3):
         trace += shape.state[i, i]
         for j in range(3):
@@ -93,8 +93,7 @@ def shape_stretch(parts, t, x, v, span, step, stage):
     if status == OK:
         turn_tensor(shape.room[TURN], shape.state)
         choose_edges(shape)
-        for k in range(bath.axes):
-            scale_axis(v, k, math.exp(-span * trace / bath.freedom), bath.motion[k])
+        slow_centres(piston.molecules, piston, v, math.exp(-span * trace / freedom_of(piston)))
     return status
 
 
@@ -127,7 +126,7 @@ def shape_chain(parts, t, x, v, span, step, stage):
 def flows(shape: Shape, options: Options, turns: Turns) -> dict[str, BoundSubflow]:
     """Return the flows of the box in a run, by letter; the box is at rest at the start."""
     bath, tau = shape.piston.bath, float(options[PRESSURE_TAU.name])
-    mass = (bath.freedom + bath.axes) / bath.axes * bath.thermal * tau**2
+    mass = (freedom_of.py_func(shape.piston) + bath.axes) / bath.axes * bath.thermal * tau**2
     count = bath.axes * (bath.axes + 1) // 2
     of_chain = np.full(int(options["chain"]), bath.thermal * tau**2)
     of_chain[0] *= count

@@ -110,18 +110,20 @@ def pressures(piston, v, found):
 
 @by_type
 def add_motion_within(molecules, piston, x, v, found):
-    """Make the pressures on the groups ``found`` those of the centres of molecules, which the box carries along."""
+    """Make the pressures on the groups ``found`` those of the centres of molecules, which the box carries along. Return
+    the kinetic energy within molecules."""
     if isinstance(molecules, types.NoneType):
-        return lambda molecules, piston, x, v, found: None
+        return lambda molecules, piston, x, v, found: 0.0
 
     def each(molecules, piston, x, v, found):
         within = np.zeros(3)
-        add_within(molecules, piston.bath.masses, x, v, piston.felt, within)
+        heat = 0.5 * add_within(molecules, piston.bath.masses, x, v, piston.felt, within)
         v_now = volume(piston)
         for k in range(3):
             a = piston.group[k]
             if a >= 0:
                 found[a] += within[k] / (piston.sizes[a] * v_now)
+        return heat
 
     return each
 
@@ -137,6 +139,25 @@ def keep_shapes(molecules, piston, x, v, axis, factor):
         restore_within(molecules, piston.bath.masses, x, axis, 1.0 / factor)
         if v is not None:
             restore_within(molecules, piston.bath.masses, v, axis, factor)
+
+    return each
+
+
+@by_type
+def slow_centres(molecules, piston, v, factor):
+    """Scale the velocities of free particles and of the centres of molecules along all axes."""
+    if isinstance(molecules, types.NoneType):
+
+        def free(molecules, piston, v, factor):
+            for k in range(piston.bath.axes):
+                scale_axis(v, k, factor, piston.bath.motion[k])
+
+        return free
+
+    def each(molecules, piston, v, factor):
+        for k in range(piston.bath.axes):
+            scale_axis(v, k, factor, piston.bath.motion[k])
+            restore_within(molecules, piston.bath.masses, v, k, 1.0 / factor)
 
     return each
 

@@ -12,19 +12,25 @@ J. Chem. Phys. 101, 4177, doi:10.1063/1.467468, whose measure dh V^(1 - d) is V 
 H is the work against a stress that is wanted beside the pressure, of Parrinello & Rahman 1981, J. Appl. Phys. 52, 7182,
 doi:10.1063/1.328693: H = -V0 tr(s E), with E = (G G^T - 1) / 2 for G = h0^-1 h and reference edges h0 of volume V0. Its
 stress is (V0 / V) G^T s G, so it is s where the box is the reference.
+
+Molecules with constraints keep their shape: F moves their centres, and Q^T turns them with the frame. Their pressure
+tensor is that of the centres, and its symmetric part counts.
 """
 
 import math
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
 
 from kickdrift.integrators.splitting.barostats.piston import STOPPED, TOO_SHORT, TOO_STRAINED, Piston, volume
 from kickdrift.integrators.splitting.baths.bath import heat_now
 from kickdrift.jit.compile import as_written, strict
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import lane_sum, splat
 from kickdrift.jit.lanes.memory import flat, masked_load, masked_store
 from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.looks.centres import add_tensor_within, turn_within
 from kickdrift.model.box.cell import put_edges
 from kickdrift.model.state import Floats
 
@@ -150,7 +156,8 @@ def virial_of(piston, a, b):
 
 @strict
 def pressure_tensor(shape, x, v):
-    """Fill FOUND with the pressure tensor of velocities (3, n), and return the heat."""
+    """Fill FOUND with the pressure tensor of velocities (3, n), and return the heat that acts on the box: without the
+    motion within molecules."""
     piston = shape.piston
     bath, found, v_now = piston.bath, shape.room[FOUND], volume(piston)
     heat, still = heat_now(bath, x, v), bath.motion
@@ -158,7 +165,25 @@ def pressure_tensor(shape, x, v):
         for b in range(a, bath.axes):
             across = sum_across(bath.masses, v, a, b, still[a], still[b])
             found[a, b] = found[b, a] = (across + virial_of(piston, a, b)) / v_now
-    return heat
+    return heat - add_tensor_of_motion_within(piston.molecules, piston, x, v, found)
+
+
+@by_type
+def add_tensor_of_motion_within(molecules, piston, x, v, found):
+    """Make the pressure tensor ``found`` that of the centres of molecules. Return the kinetic energy within these."""
+    if isinstance(molecules, types.NoneType):
+        return lambda molecules, piston, x, v, found: 0.0
+
+    def each(molecules, piston, x, v, found):
+        within = np.zeros((3, 3))
+        heat = 0.5 * add_tensor_within(molecules, piston.bath.masses, x, v, piston.felt, within)
+        v_now = volume(piston)
+        for a in range(piston.bath.axes):
+            for b in range(piston.bath.axes):
+                found[a, b] += within[a, b] / v_now
+        return heat
+
+    return each
 
 
 @strict
@@ -226,8 +251,47 @@ def strain(shape, x, v):
         inverse_of(f, inverse)
         deform_velocities(v, inverse, piston.bath.motion)
     deform_positions(x, f)
+    turn_molecules(piston.molecules, piston, x, v, f, turn)
     keep_edges(new, piston.lengths)
     return 0
+
+
+@by_type
+def turn_molecules(molecules, piston, x, v, f, turn):
+    """Give molecules their shape back after a change x f of positions and v f^-T of velocities, and turn them and the
+    motion within them with the frame; v may be None."""
+    if isinstance(molecules, types.NoneType):
+        return lambda molecules, piston, x, v, f, turn: None
+
+    def each(molecules, piston, x, v, f, turn):
+        inverse, whole = np.empty((3, 3)), np.empty((3, 3))
+        inverse_of(f, inverse)
+        multiply_transposed(inverse, turn, whole)  # f^-1 Q^T
+        turn_within(molecules, piston.bath.masses, x, whole)
+        if v is not None:
+            for i in range(3):
+                for j in range(3):
+                    inverse[i, j] = f[j, i]
+            multiply_transposed(inverse, turn, whole)  # f^T Q^T
+            turn_within(molecules, piston.bath.masses, v, whole)
+
+    return each
+
+
+@by_type
+def turn_motion(molecules, piston, v, turn):
+    """Turn the motion within molecules, whose places the frame of a move has turned; the centres move as before."""
+    if isinstance(molecules, types.NoneType):
+        return lambda molecules, piston, v, turn: None
+
+    def each(molecules, piston, v, turn):
+        turned = np.empty((3, 3))
+        for i in range(3):
+            for j in range(3):
+                turned[i, j] = turn[j, i]
+        turn_within(molecules, piston.bath.masses, v, turned)
+
+    return each
 
 
 @strict

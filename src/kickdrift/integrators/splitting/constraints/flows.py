@@ -93,12 +93,18 @@ class Manifold:
         )
 
 
-def on_manifold(letters: Sequence[str], weights: Sequence[float]) -> tuple[tuple[str, ...], tuple[float, ...]]:
-    """Letters and weights of a word with the flows of constraints."""
+def on_manifold(
+    letters: Sequence[str], weights: Sequence[float], passing: Sequence[str] = ()
+) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Letters and weights of a word with the flows of constraints. The flows ``passing`` change neither the shape of
+    molecules nor the motion within them, so velocities need no projection before or after these."""
     found: list[tuple[str, float]] = []
     tangent, last = True, 1.0
     for letter, weight in zip(letters, weights, strict=True):
         if not weight:
+            continue
+        if letter in passing:
+            found.append((letter, weight))
             continue
         if letter == DRIFT:
             found.append((AIM, weight))
