@@ -19,7 +19,6 @@ from kickdrift.model.run_defaults import RunDefaults, with_ramps
 from kickdrift.model.stages import Stage
 from kickdrift.model.system import System, later_seed
 from kickdrift.model.units.unit_systems import symbol_of
-from kickdrift.run.equilibration import equilibrate_as_told
 from kickdrift.run.files import check_suffix
 from kickdrift.run.minimization import Minimum, minimum
 from kickdrift.run.report.report import Report
@@ -143,6 +142,8 @@ class _New(StageRun):
         sim, made = self.sim, self._made
         assert sim is not None
         run = sim.system.run
+        from kickdrift.run.equilibration import equilibrate_as_told  # needs numba
+
         equilibrate_as_told(sim)
         length = length_of(sim, f"stage {self.stage.name}")
         file = made.file if self.output else None

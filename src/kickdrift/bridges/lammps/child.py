@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.disk.posix import limit_processor_time
 from kickdrift.forces.external.lammps_library import lammps_class
 
 GLOBALS = ("units", "dt", "boxlo", "boxhi", "xy", "xz", "yz", "periodicity", "special_lj", "special_coul")
@@ -25,7 +26,7 @@ _DAMAGED = re.compile(r"Last input line:.*|\(src/\S+\)|For more information see 
 def main() -> None:
     """Read the input and write the answer."""
     commands, answer, seconds = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
-    _limit(seconds)
+    limit_processor_time(seconds)
     lmp = lammps_class()(cmdargs=["-log", "none", "-nocite", "-echo", "none"])
     told: dict[str, Any] = {}
     arrays: dict[str, Any] = {}
@@ -84,16 +85,6 @@ def _head(data: Path) -> str:
                 break
             lines.append(line)
     return "".join(lines)
-
-
-def _limit(seconds: int) -> None:
-    """Limit this process's processor time, where the system can."""
-    try:
-        import resource
-    except ImportError:  # on Windows
-        return
-    with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
 
 
 if __name__ == "__main__":
