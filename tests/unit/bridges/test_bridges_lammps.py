@@ -344,7 +344,7 @@ def test_the_name_of_a_packed_file_runs_nothing(tmp_path):
 def test_inputs_do_not_include_one_another_without_end(tmp_path, monkeypatch):
     monkeypatch.setattr(script, "MOST_COMMANDS", 100)
     (tmp_path / "in.inner").write_text("mass 1 1.0\n" * 60, encoding="utf-8")
-    with pytest.raises(kd.InputError, match=r"in\.inner: line 40: kickdrift reads at most 100 commands"):
+    with pytest.raises(kd.InputError, match=r"in\.inner: line 38: kickdrift reads at most 100 commands"):
         kd.load(written(tmp_path, "atom_style atomic\n" + "include in.inner\n" * 2))
 
 

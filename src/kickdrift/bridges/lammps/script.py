@@ -28,7 +28,7 @@ SKIPPED = frozenset((
     "print", "log", "echo", "info", "timer", "dump", "dump_modify", "undump", "restart", "thermo", "thermo_style",
     "thermo_modify", "write_data", "write_dump", "write_restart", "write_coeff", "pair_write", "bond_write",
     "angle_write", "dihedral_write", "compute", "compute_modify", "uncompute", "package", "suffix", "processors",
-    "balance", "min_style", "min_modify", "comm_style",
+    "balance", "min_style", "min_modify", "comm_style", "include",
 ))  # fmt: skip
 NOTED = frozenset(("fix", "unfix", "fix_modify", "run_style"))  # told to kickdrift, not to LAMMPS
 TOLD = frozenset((  # told to both
@@ -136,6 +136,7 @@ def _commands(path: Path, folder: Path, depth: int) -> Iterator[tuple[str, str]]
             inner = line.partition("include")[2].strip().strip("\"'")
             if "$" in inner:
                 raise InputError(f"{where}: include names its file by a variable, which kickdrift does not follow")
+            yield where, line  # so that includes count
             yield from _commands(Path(os.path.join(folder, inner)), folder, depth + 1)
         else:
             yield where, line
