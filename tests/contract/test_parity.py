@@ -22,7 +22,8 @@ PAGE = TOP / "docs" / "api.md"
 # The twins of each command: an option has the name of a parameter of one of them, --quiet that of `progress`.
 TWINS = {
     "run": "Simulation Simulation.run FileOptions load", "resume": "resume Simulation.run FileOptions",
-    "relax": "Simulation Simulation.minimize load", "compare": "compare", "compare-engines": "analysis.compare_engines load", "chaos": "megno", "transits": "transits",
+    "relax": "Simulation Simulation.minimize load", "compare": "compare", "compare-engines": "analysis.compare_engines load",
+    "chaos": "megno", "transits": "transits",
     "certify": "analysis.ensemble_checks analysis.engine_checks Simulation", "analyze": "analysis.orbit_report",
     "ensemble": "Ensemble Ensemble.run", "plot": "open().plot Problem.plot Simulation Simulation.run",
     "movie": "movie", "export": "export", "view": "open().view", "info": "open", "show": "load", "new": "template",
