@@ -267,7 +267,7 @@ FILES = [
     (
         'type = "lennard-jones"',
         'type = "LJ"',
-        "system: force[0].type: expected one of lennard-jones, coulomb, gravity, gravity-tree, gravity-sheet, eam, …",
+        "system: force[0].type: expected one of lennard-jones, mie, weeks-chandler-andersen, buckingham, born-mayer-huggins, morse-pair, …",
     ),
     ('type = "lennard-jones"', 'type = "lennard-jones"\nrc = 2.5', "system: force[0].rc: unknown key…"),
     ("dt = 0.005", 'dt = "0.005 fs"', "system: run.dt: lj quantities are plain numbers, got '0.005 fs'"),

@@ -1,6 +1,6 @@
 """Every force with every method: the same bits on 1, 2 and 4 threads, in pieces, looked at, written, resumed, restored.
 
-A case is a system, a method and a precision. Systems cover every registered force; pair forces with each truncation,
+A case is a system, a method and a precision. Systems cover every registered force; Lennard-Jones with each truncation,
 for one species and for two; a law of the user's own; two pair forces together. Each case runs in a process that may
 have four threads, and once more on one thread in another process. The short set takes each system with velocity-verlet
 and each method with two systems; the long set takes all pairs that are allowed. At the end, the same comparison must
@@ -120,15 +120,23 @@ def systems() -> dict[str, Callable[[bool], kd.System]]:
         if not issubclass(cls, PairForce):
             found[name] = lambda few, name=name: other(name, few)
             continue
+        if cls is not kd.LennardJones:
+            own = {"pairs": {("A", "B"): {cls.Parameters._fields[0]: 0.8}}}  # laws mix only epsilon and sigma
+            found[name] = lambda few, cls=cls, own=own: liquid([cls(cutoff=2.5, **own)], 2, few=few)
+            continue
         for truncation in TRUNCATIONS:
             for species in (1, 2):
 
-                def make(few, cls=cls, truncation=truncation, species=species) -> kd.System:
+                def make(few, truncation=truncation, species=species) -> kd.System:
                     sizes = {"A": {}, "B": {"sigma": 0.9, "epsilon": 0.7}}
                     mixture = {"species": sizes} if species == 2 else {}
-                    return liquid([cls(cutoff=2.5, truncation=truncation, **mixture)], species, few=few)
+                    return liquid([kd.LennardJones(cutoff=2.5, truncation=truncation, **mixture)], species, few=few)
 
                 found[f"{name} {truncation} {species} species"] = make
+    ends = {"A": {}, "B": {"cutoff": 1.8, "truncation": "switch"}}
+    between = {("A", "B"): {"cutoff": 2.2, "truncation": "force-shift"}}
+    apart = {"cutoff": 2.5, "truncation": "shift", "species": ends, "pairs": between}
+    found["lennard-jones with cutoffs of pairs"] = lambda few: liquid([kd.LennardJones(**apart)], 2, few=few)
     found["a law of the user's own"] = lambda few: liquid([Exponential(cutoff=2.2)], few=few)
     found["two pair forces"] = lambda few: liquid([kd.LennardJones(cutoff=2.5), Exponential(cutoff=2.2)], few=few)
     of_two = kd.LennardJones(cutoff=2.5, species={"A": {}, "B": {"sigma": 0.9}})

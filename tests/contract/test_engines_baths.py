@@ -138,7 +138,7 @@ def test_two_processes_and_two_dimensions():
 @pytest.mark.parametrize(
     ("engine", "name", "said"),
     [
-        ("openmm", "csvr", "integrator 'csvr': openmm has .*; native, ase and lammps can"),
+        ("openmm", "csvr", "integrator 'csvr': openmm has .*; native, ase, lammps and cuda can"),
         ("ase", "obabo", "integrator 'obabo': ase has .*; native, openmm and cuda can"),
         ("lammps", "andersen", "integrator 'andersen': lammps has .*; native, ase, openmm and cuda can"),
     ],

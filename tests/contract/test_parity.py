@@ -22,7 +22,8 @@ PAGE = TOP / "docs" / "api.md"
 # The twins of each command: an option has the name of a parameter of one of them, --quiet that of `progress`.
 TWINS = {
     "run": "Simulation Simulation.run FileOptions load", "resume": "resume Simulation.run FileOptions",
-    "relax": "Simulation Simulation.minimize load", "compare": "compare", "chaos": "megno", "transits": "transits",
+    "relax": "Simulation Simulation.minimize load", "compare": "compare",
+    "compare-engines": "analysis.compare_engines load", "chaos": "megno", "transits": "transits",
     "certify": "analysis.ensemble_checks analysis.engine_checks Simulation", "analyze": "analysis.orbit_report",
     "ensemble": "Ensemble Ensemble.run", "plot": "open().plot Problem.plot Simulation Simulation.run",
     "movie": "movie", "export": "export", "view": "open().view", "info": "open", "show": "load", "new": "template",
@@ -36,6 +37,10 @@ OTHERS: dict[str, dict[str, str]] = {
     "compare": {
         "system": "compare(subject)", "--integrator": "compare(integrators)", "--json": "Comparison.as_json",
         "--plot": "Comparison.plot",
+    },
+    "compare-engines": {
+        "--engine": "analysis.compare_engines(engines)", "--frame": "open().system",
+        "--json": "analysis.EngineComparison.as_json",
     },
     "chaos": {"--spectrum": "lyapunov_spectrum(count)", "--json": "ChaosReport.as_json"},
     "transits": {"--json": "Transits.as_json"},
@@ -66,7 +71,8 @@ OTHERS: dict[str, dict[str, str]] = {
 # Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it, and a list
 # has all its columns.
 OF_FILES = {
-    "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
+    "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "compare-engines": {"--overwrite", "--quiet"},
+    "chaos": {"--overwrite"}, "info": {"--overwrite"},
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
     "analyze": {"--overwrite", "--quiet"}, "transits": {"--overwrite"},
     "view": {"--output", "--overwrite", "--open", "--quiet"},
@@ -81,6 +87,7 @@ DEVELOPERS = {
     "bench lammps": "kickdrift_validation.performance.published.measure",
     "bench compile": "kickdrift_validation.performance.compiling.measure",
     "validate": "kickdrift_validation.runner.validate",
+    "page": "kickdrift.pages.page.write_page",
 }
 
 # Public names that the command line has in another form.

@@ -15,7 +15,7 @@ import kickdrift as kd
 from tests import pages
 from tests.folders import DOCS, TOP
 
-PAGES = sorted(DOCS.rglob("*.md"))
+PAGES = sorted(set(DOCS.rglob("*.md")) - {DOCS / "paper.md"})  # the paper is no page of the site
 WITH_CODE = [page for page in PAGES if any(b.language in ("python", "sh") for b in pages.blocks(page))]
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.py"))
 MADE = {"report.md", "command-line.md", "gallery.md", *(f"notebooks/{each.stem}.md" for each in NOTEBOOKS)}  # by hooks

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import kickdrift as kd
 from kickdrift.cli.console import print_lines, print_table, progress_bar, say
@@ -13,7 +13,9 @@ from kickdrift.cli.watching import Interrupted, warn_of_version
 from kickdrift.disk.outputs import write_json
 from kickdrift.display.showing import lines_of, tables_of
 from kickdrift.errors import InputError
-from kickdrift.run.stages import StageReports, StageRun
+
+if TYPE_CHECKING:
+    from kickdrift.run.stages import StageRun
 
 
 def has_stages(file: Path) -> bool:
@@ -54,7 +56,7 @@ def run_stages(
         print_lines([("stage", name), *lines_of(reports[name]), ("", "")])
         last = each
     assert last is not None
-    found = StageReports(reports, outputs, last.system)
+    found = kd.StageReports(reports, outputs, last.system)
     try:
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:

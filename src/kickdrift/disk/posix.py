@@ -2,6 +2,7 @@
 
 No other module imports such modules, but `bridges.rebound_snapshot`, which runs without kickdrift."""
 
+import contextlib
 import os
 import signal
 import threading
@@ -35,6 +36,13 @@ def memory_limits() -> list[int]:
         return []
     limits = [resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)]
     return [limit for limit in limits if limit != resource.RLIM_INFINITY and limit > 0]
+
+
+def limit_processor_time(seconds: int) -> None:
+    """Limit this process's processor time, where the system can."""
+    if resource is not None:
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
 
 
 def interrupt() -> None:

@@ -27,6 +27,7 @@ from kickdrift.integrators.own.registration import REGISTERED
 from kickdrift.jit.compile import processor
 from kickdrift.model.checks.limits import PROCESS_BYTES, check_room, whole_number
 from kickdrift.model.problem import Problem
+from kickdrift.model.stages import refuse_stages
 from kickdrift.model.system import System
 from kickdrift.run.plan.plan import check_run
 from kickdrift.systemfile.files import find, parsed
@@ -98,6 +99,7 @@ class Ensemble:
             raise InputError(f"replicas: all {replicas} would be the same run: nothing in {self.name} is random")
         one = self._a_system()
         check_run(one.run)
+        refuse_stages("ensemble", one)
         self._units = one.units.name if isinstance(one, System) else ""
         self._recipe = self._recipe.knowing(self._registered(one), one)
 

@@ -160,7 +160,7 @@ def _offsets(kind: types.BaseTuple) -> tuple[int, ...]:
     whole = context.get_value_type(kind)
     if isinstance(whole, ir.ArrayType):
         size = context.get_abi_sizeof(whole.element)
-        return tuple(range(0, size * whole.count, size))
+        return tuple(size * k for k in range(whole.count))  # the size is zero for parts without numbers
     return tuple(whole.get_element_offset(context.target_data, k) for k in range(len(kind)))
 
 

@@ -70,3 +70,9 @@ def checked_stages(stages: Iterable[Stage]) -> tuple[Stage, ...]:
         if each.name in [other.name for other in found[:k]]:
             raise InputError(f"stages[{k}]: two stages are named {each.name}, and each has a file of its own")
     return found
+
+
+def refuse_stages(command: str, subject: Any) -> None:
+    """Refuse a System that has stages, for a command that takes single runs."""
+    if getattr(subject, "stages", ()):
+        raise InputError(f"{command}: {subject.name} has stages, which only `run` takes; leave out [[stage]]")

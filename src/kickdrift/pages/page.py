@@ -54,7 +54,7 @@ def built(name: str) -> dict[str, Any]:
     """Module of a page as plain texts and numbers. Raises InputError if there is no such page or no linker."""
     check_name(name)
     linker()
-    command = [sys.executable, "-m", "kickdrift.pages.build", name]
+    command = [sys.executable, "-P", "-m", "kickdrift.pages.build", name]  # -P: no module of the present folder
     done = subprocess.run(command, env=os.environ | PLAIN_PROCESSOR, capture_output=True, text=True)
     if done.returncode:
         raise InputError((done.stderr.strip().splitlines() or ["page: the build failed"])[-1])

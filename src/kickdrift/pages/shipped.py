@@ -126,36 +126,33 @@ PAGES = {
         "Two methods side by side on an oscillator, a pendulum or an orbit: the path, the energy error, the cost.",
         "which.js",
         _compared,
-        """\
-import kickdrift as kd
-from kickdrift.odes import {problem}
-
-sim = kd.Simulation({problem}({start}), integrator="{method}", dt={dt})
-print(sim.run({steps}, every={every}).energy)""",
+        "import kickdrift as kd\n"
+        "from kickdrift.odes import {problem}\n"
+        "\n"
+        'sim = kd.Simulation({problem}({start}), integrator="{method}", dt={dt})\n'
+        "print(sim.run({steps}, every={every}).energy)",
     ),
     "stability": Page(
         "Which step is stable?",
         "Stability regions of the Runge-Kutta methods, with the eigenvalues of an oscillator times the step.",
         "stability.js",
         _stability,
-        """\
-import kickdrift as kd
-from kickdrift.odes import harmonic_oscillator
-
-sim = kd.Simulation(harmonic_oscillator(omega={omega}), integrator="{method}"{step})
-print(sim.run({end}).energy)""",
+        "import kickdrift as kd\n"
+        "from kickdrift.odes import harmonic_oscillator\n"
+        "\n"
+        'sim = kd.Simulation(harmonic_oscillator(omega={omega}), integrator="{method}"{step})\n'
+        "print(sim.run({end}).energy)",
     ),
     "chaos": Page(
         "How fast do neighbours part?",
         "Two copies of a double pendulum, a star in a galaxy or the Lorenz equations that begin almost alike.",
         "chaos.js",
         _chaos,
-        """\
-import kickdrift as kd
-from {place} import {problem}
-
-sim = kd.Simulation({problem}(y0={start}), integrator={method})
-sim.run(until={time})
-print(sim.state.y)""",
+        "import kickdrift as kd\n"
+        "from {place} import {problem}\n"
+        "\n"
+        "sim = kd.Simulation({problem}(y0={start}), integrator={method})\n"
+        "sim.run(until={time})\n"
+        "print(sim.state.y)",
     ),
 }

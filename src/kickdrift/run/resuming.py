@@ -22,6 +22,7 @@ from kickdrift.looks.observers import Energies, Sample
 from kickdrift.model.checks.limits import NEVER
 from kickdrift.model.events.events import Event, checked_crossings
 from kickdrift.model.problem import Problem
+from kickdrift.model.stages import Stage
 from kickdrift.model.system import System
 from kickdrift.run.files import slopes_of
 from kickdrift.run.loop import go_to
@@ -235,11 +236,18 @@ def _simulation(
     """Return the Simulation that the file describes, at the run's start."""
     with about(run.path):
         method = method_of(run.method)
-        return Simulation(
+        sim = Simulation(
             subject, method.integrator, threads=threads or min(method.threads, most_threads()), engine=method.engine,
             processes=method.processes if hosts else min(method.processes, os.cpu_count() or 1), hosts=hosts,
             events=events, **options_of(method.options),
         )  # fmt: skip
+    return staged(sim, subject.stages) if isinstance(subject, System) and subject.stages else sim
+
+
+def staged(sim: Simulation, stages: Iterable[Stage]) -> Simulation:
+    """Make a Simulation the first of these stages. Its file has them, so that `run_stages` goes on from there."""
+    sim.integration.system = sim.system.with_stages(*stages)
+    return sim
 
 
 def _goal(run: Run | ProblemRun, step: int | None, last: tuple[int, float] | None) -> tuple[int, float | None]:

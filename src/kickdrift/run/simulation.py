@@ -119,6 +119,7 @@ class Simulation(Present):
             check_room("run", here, "processes", PROCESS_BYTES, "give fewer")
         if isinstance(system, System):
             system = system if events is None else system.watched(events)
+            system = system.with_stages() if system.stages else system  # a run is not a stage; see `staged`
             watched: tuple[Event, ...] = system.events
         else:
             watched = checked_crossings(events or (), len(system.args))

@@ -19,11 +19,10 @@ from kickdrift.model.run_defaults import RunDefaults, with_ramps
 from kickdrift.model.stages import Stage
 from kickdrift.model.system import System, later_seed
 from kickdrift.model.units.unit_systems import symbol_of
-from kickdrift.run.equilibration import equilibrate_as_told
 from kickdrift.run.files import check_suffix
 from kickdrift.run.minimization import Minimum, minimum
 from kickdrift.run.report.report import Report
-from kickdrift.run.resuming import resume
+from kickdrift.run.resuming import resume, staged
 from kickdrift.run.simulation import Simulation
 from kickdrift.run.times import length_of
 from kickdrift.systemfile.files import prefixed
@@ -143,6 +142,8 @@ class _New(StageRun):
         sim, made = self.sim, self._made
         assert sim is not None
         run = sim.system.run
+        from kickdrift.run.equilibration import equilibrate_as_told  # needs numba
+
         equilibrate_as_told(sim)
         length = length_of(sim, f"stage {self.stage.name}")
         file = made.file if self.output else None
@@ -296,9 +297,8 @@ def simulation_of(system: System, stage: Stage, threads: int) -> Simulation:
     run = RunDefaults(**stage.run)
     seed = run.options.get(SEED.name)
     made = system.with_run(**dict.fromkeys(system.run.said())).with_run(**run.said())
-    return Simulation(
-        made if seed is None else made.with_run(seed=later_seed(seed, system.state.time)), threads=threads
-    )
+    sim = Simulation(made if seed is None else made.with_run(seed=later_seed(seed, system.state.time)), threads=threads)
+    return staged(sim, system.stages)
 
 
 def _check(system: System, made: _Making) -> None:

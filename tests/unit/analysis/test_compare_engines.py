@@ -31,6 +31,16 @@ def test_energies_by_term_and_forces_agree_in_all_engines_that_take_a_system():
     assert json.dumps(found.as_json(), allow_nan=False)
 
 
+def test_energies_beside_charges_are_free_of_ewalds_error():
+    pytest.importorskip("openmm")
+    found = compare_engines(kd.load("molten-salt"), ["native", "openmm"])
+    ours, theirs = (row.terms[found.names.index("lennard-jones")] for row in found.rows)
+    assert ours == pytest.approx(theirs, rel=1e-12)
+    law = next(force for force in kd.load("molten-salt").forces if force.name == "lennard-jones")
+    alone = compare_engines(kd.load("molten-salt").under([law]), ["native"]).rows[0].energy
+    assert ours == alone
+
+
 def test_a_wrong_engine_is_caught_at_its_particle(monkeypatch):
     from kickdrift.analysis.compare import engine_forces
 

@@ -325,7 +325,7 @@ def test_certify_refuses_bad_input(runs, tmp_path, kickdrift):
     assert_refused(kickdrift("certify", *runs, "--engine", "lammps"), "--engine runs one system")
     assert_refused(
         kickdrift("certify", "lj-1000", "--engine", "openmm", "--integrator", "csvr", "--steps", "5"),
-        "native, ase and lammps can",
+        "native, ase, lammps and cuda can",
     )
     several = [word for each in (1, 2, 3) for word in ("--temperature", each)]
     assert_refused(kickdrift("certify", "lj-1000", "--engine", "native", *several), "expected one or two, got 3")

@@ -212,6 +212,7 @@ def test_custom_forces_without_a_law_are_named():
             {"a": 9.0, "b": 0.1},
             r"CustomBondForce 'a\*\(r-b\)\^4': its energy for the particles 0, 3",
         ),
+        ("Bond", "a*max(0,r-1)^2", {"a": 9.0}, "is not that of harmonic-bond or listed-pairs"),
         ("Angle", "a*theta", {"a": 9.0}, "is not that of harmonic-angle or cosine-angle"),
         ("Nonbonded", "a*exp(-r)", {"a": 9.0}, "CustomNonbondedForce has no NonbondedForce beside it"),
     ):

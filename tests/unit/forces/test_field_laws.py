@@ -402,7 +402,7 @@ import kickdrift as kd
 
 
 @kd.pair_law
-class Gaussian(NamedTuple):
+class Bell(NamedTuple):
     \"\"\"U(r) = height exp(-(r / width)^2 / 2); Stillinger 1976, doi:10.1063/1.432891.\"\"\"
 
     height: float = 1.0
@@ -421,7 +421,7 @@ units = "lj"
 positions = [[0, 0, 0], [1.5, 0, 0]]
 
 [[force]]
-type = "gaussian"
+type = "bell"
 height = 2.0
 cutoff = 3.0
 truncation = "cut"
@@ -448,7 +448,7 @@ def test_a_system_file_names_a_force_of_ones_own(kickdrift, files):
     assert first == pytest.approx(2.0 * 0.32465246735834974, rel=1e-14)  # exp(-1.125)
     status, out, _ = kickdrift("--load", load, "list", "forces")
     assert status == 0
-    assert "gaussian" in out
+    assert "bell" in out
     assert "height" in out
     assert kickdrift("--load", load, "resume", run, "--steps", "25")[0] == 0
 
@@ -457,7 +457,7 @@ def test_without_its_file_the_line_says_what_to_load(kickdrift, files):
     status, _, err = kickdrift("run", str(files / "pair.toml"))
     assert status == 2
     assert "force[0].type: expected one of " in err
-    assert "got 'gaussian'; a force of your own comes with --load FILE.py" in err
+    assert "got 'bell'; a force of your own comes with --load FILE.py" in err
     assert len(err.splitlines()) == 1
 
 

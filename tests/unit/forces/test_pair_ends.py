@@ -46,6 +46,10 @@ def test_pairs_of_species_end_where_they_say(given, names):
     assert_right(mixture(kd.LennardJones(**whole), names))
 
 
+def test_pairs_that_are_all_cut_end_where_they_say():
+    assert_right(mixture(kd.LennardJones(**KOB_ANDERSEN, truncation="cut"), "AB"))
+
+
 def test_pairs_of_species_end_where_they_say_in_mixed_precision():
     system = mixture(kd.LennardJones(**KOB_ANDERSEN), "AB")
     exact, mixed = (BoundForces(system, mixed=each).measure(0.0, system.state.phase) for each in (False, True))

@@ -261,6 +261,19 @@ def test_a_stage_that_blows_up_is_named_and_the_files_before_are_whole(tmp_path)
     assert len(frames(tmp_path / "x-good.h5md")) == 3
 
 
+def test_a_run_of_a_system_with_stages_is_none_of_them(tmp_path):
+    kd.Simulation(protocol(), "velocity-verlet").run(10, output=tmp_path / "one.h5md")
+    assert kd.resume(tmp_path / "one.h5md").system.stages == ()
+    with pytest.raises(InputError, match="is the file of a single run"):
+        kd.run_stages(tmp_path / "one.h5md")
+
+
+def test_commands_of_single_runs_refuse_stages():
+    for command, take in (("compare", kd.compare), ("ensemble", kd.Ensemble)):
+        with pytest.raises(InputError, match=rf"^{command}: .* has stages, which only `run` takes; leave out"):
+            take(protocol())
+
+
 def test_the_file_of_a_single_run_is_not_that_of_a_stage(tmp_path):
     kd.Simulation(protocol("")).run(10, output=tmp_path / "one.h5md")
     with pytest.raises(InputError, match="is the file of a single run"):

@@ -19,6 +19,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator, in_units, known_options
 from kickdrift.integrators.options import DT
 from kickdrift.model.problem import Problem
+from kickdrift.model.stages import refuse_stages
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import time_in
 from kickdrift.systemfile.python_file import problem_of, refuse_beside
@@ -108,6 +109,7 @@ def compared(
     """The Comparison of a System or Problem, with a recommendation for an ``accuracy``.
 
     ``begin`` is called after the arguments are checked, ``bar`` as ``bar(label)``; ``asked`` names the subject."""
+    refuse_stages("compare", subject)
     units = subject.units if isinstance(subject, System) else None
     pilot: float | None = time_in(time, units, "time")
     whole: float | None = time_in(length, units, "length")

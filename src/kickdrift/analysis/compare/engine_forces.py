@@ -109,8 +109,9 @@ def _text(value: float) -> str:
 def compare_engines(system: System, engines: Iterable[str] | None = None) -> EngineComparison:
     """Energies by term, forces and pressure of a System at its start, in kickdrift and every engine that takes it.
 
-    The energy of a force is that of the System less that of the System without this force; if an engine does not take
-    the latter, it is the energy of this force alone. Constraints do not count, since nothing moves.
+    The energy of a force is that of this force alone; if an engine does not take it alone, it is the energy of the
+    System less that of the System without this force. Ewald's splitting depends on the other forces, so terms beside
+    charges add up to the energy within Ewald's accuracy. Constraints do not count, since nothing moves.
 
     Parameters
     ----------
@@ -159,15 +160,15 @@ def _of_engine(system: System, engine: Engine, reference: Floats | None) -> Engi
 
 
 def _term(system: System, engine: Engine, k: int, total: float) -> float:
-    """Energy of force k: that of all, less that of the others, or that of k alone where an engine needs this."""
+    """Energy of force k alone, or that of all less that of the others where an engine needs this."""
     others = [force for i, force in enumerate(system.forces) if i != k]
     if not others:
         return float(total)
-    rest = _measured(system.under(others), engine)
-    if not isinstance(rest, str):
-        return float(total - rest.potential)
     alone = _measured(system.under([system.forces[k]]), engine)
-    return float("nan") if isinstance(alone, str) else float(alone.potential)
+    if not isinstance(alone, str):
+        return float(alone.potential)
+    rest = _measured(system.under(others), engine)
+    return float("nan") if isinstance(rest, str) else float(total - rest.potential)
 
 
 def _pressure(system: System, measured: Measured) -> float:

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.disk.posix import limit_processor_time
 from kickdrift.forces.external.lammps_library import lammps_class
 
 GLOBALS = ("units", "dt", "boxlo", "boxhi", "xy", "xz", "yz", "periodicity", "special_lj", "special_coul")
-TERMS = ("evdwl", "ecoul", "elong", "ebond", "eangle", "edihed", "eimp", "pe")
 COLUMNS = ("x", "v", "image", "type", "q", "rmass")
 LISTS = ("bonds", "angles", "dihedrals", "impropers")
 MATRICES = ("epsilon", "sigma")
@@ -25,7 +25,7 @@ _DAMAGED = re.compile(r"Last input line:.*|\(src/\S+\)|For more information see 
 def main() -> None:
     """Read the input and write the answer."""
     commands, answer, seconds = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
-    _limit(seconds)
+    limit_processor_time(seconds)
     lmp = lammps_class()(cmdargs=["-log", "none", "-nocite", "-echo", "none"])
     told: dict[str, Any] = {}
     arrays: dict[str, Any] = {}
@@ -52,13 +52,11 @@ def _state(lmp: Any, data: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     order = np.argsort(ids)
     told = {key: lmp.extract_global(key) for key in GLOBALS}
     told |= {"atom_style": lmp.extract_global("atom_style"), "dimensions": lmp.extract_setting("dimension")}
-    told["energies"] = {key: float(lmp.get_thermo(key)) for key in TERMS}
     arrays = {"id": ids[order].copy()}
     for key in COLUMNS:
         found = lmp.numpy.extract_atom(key)
         if found is not None:
             arrays[key] = np.array(found[:n])[order]
-    arrays["f"] = lmp.numpy.extract_atom("f")[:n][order].copy()
     mass = lmp.numpy.extract_atom("mass")
     if mass is not None:
         arrays["mass"] = np.array(mass).ravel()
@@ -70,7 +68,7 @@ def _state(lmp: Any, data: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             if (found := lmp.extract_pair(key)) is not None:
                 upper = np.triu(np.array(found, dtype=float))  # the rest is not set
                 arrays[f"pair_{key}"] = upper + np.triu(upper, 1).T
-    lmp.command(f"write_data {data} pair ij")
+    lmp.command(f"write_data '{data}' pair ij")
     told["coefficients"] = _head(data)
     return told, arrays
 
@@ -84,16 +82,6 @@ def _head(data: Path) -> str:
                 break
             lines.append(line)
     return "".join(lines)
-
-
-def _limit(seconds: int) -> None:
-    """Limit this process's processor time, where the system can."""
-    try:
-        import resource
-    except ImportError:  # on Windows
-        return
-    with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
 
 
 if __name__ == "__main__":

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 from kickdrift.bridges.lammps.reading import Read
 from kickdrift.errors import InputError
-from kickdrift.text import choices
+from kickdrift.text import choices, shown
 
 WATCHING = frozenset((  # fixes that only measure or write
     "print", "ave/atom", "ave/chunk", "ave/correlate", "ave/correlate/long", "ave/grid", "ave/histo",
-    "ave/histo/weight", "ave/moments", "ave/time", "balance", "halt", "store/force", "store/state", "vector",
-    "vector", "controller",
+    "ave/histo/weight", "ave/moments", "ave/time", "balance", "controller", "halt", "store/force", "store/state",
+    "vector",
 ))  # fmt: skip
 STEPPING = ("nve", "nvt", "npt", "nph", "langevin", "temp/csvr", "shake", "rattle", "momentum", "recenter", "enforce2d")
 LIMIT = 1e-12
@@ -50,14 +50,16 @@ def asked_of(read: Read) -> Asked:
         elif style in ("momentum", "recenter"):
             found.left.append(where)
         elif style == "langevin":
-            start, end, damping = map(float, rest[:3])
+            start, end, damping = _three(where, rest)
+            if rest[4:]:
+                found.left.append(f"{' '.join(rest[4:])} of {where}")
             _bath(where, found, "baoab", start, end, friction=1.0 / damping)
         elif style == "temp/csvr":
-            start, end, tau = map(float, rest[:3])
+            start, end, tau = _three(where, rest)
             _bath(where, found, "csvr", start, end, tau=tau)
         elif style in ("nvt", "npt", "nph"):
             if "temp" in rest:
-                start, end, tau = map(float, rest[rest.index("temp") + 1 :][:3])
+                start, end, tau = _three(where, rest[rest.index("temp") + 1 :])
                 _bath(where, found, "nose-hoover", start, end, tau=tau)
             if style != "nvt":
                 found.left.append(f"the barostat of {where}")
@@ -74,6 +76,16 @@ def _in_force(read: Read) -> dict[str, list[str]]:
         elif word == "unfix" and rest:
             found.pop(rest[0], None)
     return found
+
+
+def _three(where: str, words: Sequence[str]) -> list[float]:
+    """Temperatures at start and end, and a time."""
+    try:
+        start, end, time = map(float, words[:3])
+    except ValueError:
+        given = " ".join(words[:3])
+        raise InputError(f"{where}: expected two temperatures and a time as numbers, got {shown(given)}") from None
+    return [start, end, time]
 
 
 def _bath(where: str, found: Asked, name: str, start: float, end: float, **more: float) -> None:
@@ -93,4 +105,6 @@ def _rigid(where: str, words: Sequence[str], found: Asked) -> None:
                 raise InputError(f"{where}: {word} names rigid bonds by their atoms; kickdrift takes b and a, by types")
             kind = ""
         elif kind:
+            if not word.isdecimal():
+                raise InputError(f"{where}: expected numbers of types after {kind[0]}, got {shown(word)}")
             found.rigid[kind].add(int(word))

@@ -102,7 +102,8 @@ def read(script: Script, path: Path) -> Read:
         with said.open("wb") as output:
             status = subprocess.run(
                 [sys.executable, "-m", "kickdrift.bridges.lammps.child", commands, answer, str(SECONDS)],
-                cwd=path.parent, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=_environment(),
+                cwd=path.parent, stdin=subprocess.DEVNULL, stdout=output, stderr=output,
+                env=_environment(script.trusted),
                 check=False,
             ).returncode  # fmt: skip
         text = said.read_text(encoding="utf-8", errors="replace")
@@ -119,12 +120,13 @@ def read(script: Script, path: Path) -> Read:
     return made
 
 
-def _environment() -> dict[str, str]:
-    """The environment of LAMMPS' process, which finds this kickdrift, and no module in the input's folder."""
+def _environment(trusted: bool) -> dict[str, str]:
+    """The environment of LAMMPS' process, which finds this kickdrift, and no module in the input's folder. LAMMPS hands
+    the names of packed files to a shell, so without trust it finds no program that unpacks."""
     folders = [str(Path(__file__).parents[3]), os.environ.get("PYTHONPATH", "")]
     return dict(os.environ) | {
         "PYTHONPATH": os.pathsep.join(each for each in folders if each), "PYTHONSAFEPATH": "1", "OMP_NUM_THREADS": "1",
-    }  # fmt: skip
+    } | ({} if trusted else {"PATH": ""})  # fmt: skip
 
 
 def _last_words(text: str) -> str:

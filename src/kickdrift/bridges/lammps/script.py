@@ -20,6 +20,7 @@ from kickdrift.text import shown
 
 BYTES = 2**24  # most that an input may have
 DEEPEST = 8  # inputs within one another
+MOST_COMMANDS = 100_000  # with those of included inputs
 MARK = "@kickdrift "  # begins the line in which LAMMPS says a command, with its variables replaced
 END = frozenset(("run", "minimize", "rerun", "neb", "neb/spin", "prd", "tad", "hyper", "temper", "temper/grem",
                  "temper/npt", "dynamical_matrix", "third_order"))  # fmt: skip
@@ -27,11 +28,11 @@ SKIPPED = frozenset((
     "print", "log", "echo", "info", "timer", "dump", "dump_modify", "undump", "restart", "thermo", "thermo_style",
     "thermo_modify", "write_data", "write_dump", "write_restart", "write_coeff", "pair_write", "bond_write",
     "angle_write", "dihedral_write", "compute", "compute_modify", "uncompute", "package", "suffix", "processors",
-    "balance", "min_style", "min_modify", "comm_style",
+    "balance", "min_style", "min_modify", "comm_style", "include",
 ))  # fmt: skip
 NOTED = frozenset(("fix", "unfix", "fix_modify", "run_style"))  # told to kickdrift, not to LAMMPS
 TOLD = frozenset((  # told to both
-    "units", "atom_style", "read_data", "read_restart", "clear", "timestep", "dielectric", "special_bonds",
+    "units", "atom_style", "read_data", "clear", "timestep", "dielectric", "special_bonds",
     "neigh_modify", "delete_bonds", *(f"{word}_{what}" for word in ("pair", "bond", "angle", "dihedral", "improper")
                                       for what in ("style", "coeff", "modify")), "kspace_style", "kspace_modify",
 ))  # fmt: skip
@@ -42,9 +43,10 @@ BUILDING = frozenset((
 ))  # fmt: skip
 LOOPS = frozenset(("jump", "next", "label", "if"))
 RUNS = {"shell": "runs commands of the shell", "python": "runs Python", "plugin": "loads libraries"}
+RESTART = "read_restart hides styles that kickdrift needs; let LAMMPS write_data and read that file"
 VARIABLES = frozenset((
     "index", "loop", "string", "format", "equal", "atom", "vector", "internal", "delete", "getenv", "file", "atomfile",
-    "world", "universe", "uloop",
+    "world",
 ))  # fmt: skip
 _QUOTED = re.compile(r"\"[^\"]*\"|'[^']*'|#.*")
 TRUSTED: set[Path] = set()  # inputs that the user has named to --load
@@ -57,29 +59,35 @@ class Script(NamedTuple):
     ----------
     lines : commands that build the system, each followed by one that says it
     steps : of the first run, if that is a plain number
+    trusted : whether LAMMPS may start other programs
     """
 
     lines: list[str]
     steps: int | None
+    trusted: bool = False
 
 
 def script_of(path: Path, trusted: bool = False) -> Script:
     """Return the commands of an input up to its first run. Raises InputError for what an input may not have."""
     trusted = trusted or path.resolve() in TRUSTED
     lines, steps = list[str](), None
-    for where, line in _commands(path, path.parent, 0):
+    for count, (where, line) in enumerate(_commands(path, path.parent, 0)):
+        if count == MOST_COMMANDS:
+            raise InputError(f"{where}: kickdrift reads at most {MOST_COMMANDS:,} commands")
         word, *rest = line.split()
         if word in END:
             steps = int(rest[0]) if word == "run" and rest and rest[0].isdecimal() else None
             break
         if word in SKIPPED:
             continue
+        if word == "read_restart":
+            raise InputError(f"{where}: {RESTART}")
         if not trusted and (why := refusal(word, rest)):
             advice = "in Python trusted=True, on the command line --load FILE, if you trust the input"
             raise InputError(f"{where}: {word} {why}; {advice}")
         lines += [] if word in NOTED else [line]
-        lines += [f'print """{MARK}{line}"""'] if word in TOLD | NOTED else []
-    return Script(lines, steps)
+        lines += [_said(line)] if word in TOLD | NOTED else []
+    return Script(lines, steps, trusted)
 
 
 def refusal(word: str, rest: list[str]) -> str:
@@ -91,11 +99,13 @@ def refusal(word: str, rest: list[str]) -> str:
     if word not in NOTED | TOLD | BUILDING:
         return "is not among the commands that build a system"
     if word == "variable" and len(rest) > 1 and rest[1] not in VARIABLES:
-        return f"of style {shown(rest[1])} may run code, which an input may not do"
+        return f"of style {shown(rest[1])} may run code or write files, which an input may not do"
+    if word == "labelmap" and not (rest and rest[0].isalpha() and rest[0] != "write"):
+        return "may write files, which an input may not do"
     if word == "pair_style":
         named = rest if rest and rest[0].startswith("hybrid") else rest[:1]
-        if any("$" in each for each in named):
-            return "names its style by a variable"
+        if any(set("$\"'") & set(each) for each in named):
+            return "names its style by a variable or in quotes"
         if found := next((each for each in named if each.split("/")[0] in REFUSED), None):
             return f"{found} {REFUSED[found.split('/')[0]]}, which an input may not do"
     return ""
@@ -120,10 +130,13 @@ def _commands(path: Path, folder: Path, depth: int) -> Iterator[tuple[str, str]]
         if not line:
             continue
         where = f"{path}: line {first}"
+        if line.endswith("&"):
+            raise InputError(f"{where}: ends with a second &")
         if line.split()[0] == "include":
             inner = line.partition("include")[2].strip().strip("\"'")
             if "$" in inner:
                 raise InputError(f"{where}: include names its file by a variable, which kickdrift does not follow")
+            yield where, line  # so that includes count
             yield from _commands(Path(os.path.join(folder, inner)), folder, depth + 1)
         else:
             yield where, line
@@ -143,7 +156,12 @@ def data_script(path: Path, units: str, commands: Sequence[str], style: str) -> 
 
 
 def _with_mark(line: str) -> list[str]:
-    return [line, f'print """{MARK}{line}"""'] if line.split()[0] in TOLD else [line]
+    return [line, _said(line)] if line.split()[0] in TOLD else [line]
+
+
+def _said(line: str) -> str:
+    """The command with which LAMMPS says a line, which may end with a quote."""
+    return f'print """{MARK}{line} """'
 
 
 def shown_path(path: Path) -> str:

@@ -21,6 +21,7 @@ from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
 DISTANCES = np.array([0.11, 0.17, 0.25, 0.36, 0.5, 0.7, 0.9])  # nm
+FAR = np.array([1.5, 4.0, 30.0])  # nm; where a bond that is silent at DISTANCES may begin to pull
 ANGLES = np.linspace(0.4, 2.9, 7)
 TURNS = np.linspace(-math.pi, math.pi, 23, endpoint=False) + 0.05
 MOST = 6  # multiplicity of a dihedral's series
@@ -201,7 +202,8 @@ def listed(force: Any, kind: str) -> Iterator[tuple[tuple[int, ...], Any]]:
             energies = probe.energies(at, values)
             found: Any = terms_of(energies) if energies.any() else []
             found = well(energies) if found is None and kind == "Bond" else found
-            if found is None:
+            far = kind == "Bond" and not energies.any() and bool(probe.energies(FAR, values).any())
+            if found is None or far:
                 laws = {"Bond": "harmonic-bond or listed-pairs", "Angle": "harmonic-angle or cosine-angle",
                         "Torsion": "a series of periodic-dihedral or harmonic-improper"}[kind]  # fmt: skip
                 where = ", ".join(map(str, item))

@@ -86,7 +86,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("lj lj/cut lennardjones 12-6 lj126 lj12-6", "{word} is 'lennard-jones' here"),
         (
             "wca",
-            "{word} is 'lennard-jones' here, with cutoff = 2^(1/6) sigma = 1.122462048 sigma and truncation = 'shift'",
+            "{word} is 'weeks-chandler-andersen' here",
         ),
         (
             "coul coul/cut coul/long coul/dsf coulombic electrostatics charge charges ewald reaction-field wolf",
@@ -112,7 +112,12 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("cvff improper-periodic", "LAMMPS' {word} is 'periodic-improper' here"),
         ("improper-harmonic", "{word} is 'harmonic-improper' here"),
         ("charmm amber gaff martini tip3p spce", MOLECULES),
-        ("morse buckingham buck yukawa mie soft born born-mayer soft-sphere screened-coulomb", FORMULA),
+        ("buck", "{word} is 'buckingham' here"),
+        ("morse", "did you mean 'morse-pair' or 'morse-bond'?"),
+        ("soft", "{word} is 'soft-pair' here"),
+        ("born born-mayer", "{word} is 'born-mayer-huggins' here"),
+        ("screened-coulomb", "{word} is 'yukawa' here"),
+        ("soft-sphere inverse-power", FORMULA),
         ("table tabulated", "tables of numbers are not there yet; kd.pair_law makes a pair force from a formula"),
         ("dpd", f"{FORMULA}, but random forces are not there yet"),
         ("newton newtonian gravitation nbody n-body point-mass", "{word} is 'gravity' here"),
