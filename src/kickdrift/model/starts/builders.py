@@ -269,7 +269,7 @@ def read_structure(
     if rotation is not None:
         positions = positions @ rotation.T
         velocities = None if velocities is None else velocities @ rotation.T
-    elif "kind" in atoms.arrays and units.name == nominal_units(path):
+    if "kind" in atoms.arrays and units.name == nominal_units(path):
         symbols = [str(kind) for kind in atoms.arrays["kind"]]
     charges = atoms.arrays.get("initial_charges")
     charges = charges if charges is not None and charges.any() else None
