@@ -21,6 +21,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.many_body.base import ManyBodyForce
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.pairs.lists import with_room
 from kickdrift.integrators import integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
@@ -278,7 +279,10 @@ def test_forces_remember_what_their_sums_depend_on(name):
     """Along a given path, a force gives the same sums with its memory restored as without the interruption."""
     rng = np.random.default_rng(8)
     x = 1.2 * np.indices((8, 8, 8)).reshape(3, -1) + rng.uniform(-0.1, 0.1, (3, 512))
-    force = example(FORCES[name], cutoff=2.5, species={"A": {}, "B": {"sigma": 0.9}}, softening=0.1, G=1e-4)
+    unlike: dict[str, Any] = {"species": {"A": {}, "B": {"sigma": 0.9}}}
+    if issubclass(FORCES[name], PairForce) and not {"epsilon", "sigma"} <= set(FORCES[name].Parameters._fields):
+        unlike = {"pairs": {("A", "B"): {FORCES[name].Parameters._fields[0]: 0.8}}}  # laws mix only these two
+    force = example(FORCES[name], cutoff=2.5, **unlike, softening=0.1, G=1e-4)
     species, masses = ["A" if k % 3 else "B" for k in range(512)], np.where(np.arange(512) == 200, 30.0, 1.0)
     if isinstance(force, ManyBodyForce):
         system = crystal(force)
