@@ -342,8 +342,14 @@ def _to_toml(*given: Any) -> Any:
     return to_toml(*given)
 
 
+def _frame(*given: Any) -> Any:
+    from kickdrift.trajectory.read.starting import start_at
+
+    return start_at(*given)
+
+
 BRIDGES.update(ase=_ase, lammps=_lammps, MDAnalysis=_mdanalysis, openmm=_openmm, rebound=_rebound)
-SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml)
+SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml, frame=_frame)
 
 
 def _loader(module: str, name: str) -> Callable[[], Any]:

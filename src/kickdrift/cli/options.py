@@ -113,13 +113,10 @@ def is_run(name: str) -> bool:
 
 def system_of_frame(path: str, number: int | None = None) -> Any:
     """The System at a frame of a run's file, counted from 0, or from -1 backwards; the last one by default."""
-    from kickdrift.trajectory.read import reader
+    from kickdrift.trajectory.read.starting import opened_at
 
-    with reader.open(path) as run:
-        k = -1 if number is None else number
-        if not -len(run) <= k < len(run):
-            raise InputError(f"{path}: has no frame {k}; it holds {len(run)}")
-        return run[k].system
+    with opened_at(path, number) as frame:
+        return frame.system
 
 
 def option(metavar: str, help: str, *names: str, **more: Any) -> Any:

@@ -23,7 +23,7 @@ from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.values import is_number, no_overflow, whole_number
 from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
-from kickdrift.model.starts.builders import Structure, check_overlaps, drawn_velocities, read_structure
+from kickdrift.model.starts.builders import Structure, check_overlaps, drawn_velocities, nominal_units, read_structure
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -32,6 +32,7 @@ from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_sy
 from kickdrift.systemfile import schema
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.files import PARAMETERS, WHOLE, find, parsed, plain, prefixed, toml_table
+from kickdrift.systemfile.frames import frame_system, structure_of
 from kickdrift.systemfile.particles import (
     as_given,
     box_of,
@@ -167,14 +168,15 @@ def _force_field_system(
 
 
 def structure_system(path: Path) -> System:
-    """Return the System of a structure file, in metal units and without forces."""
+    """Return the System of a structure file without forces, in metal units or in those of an exported run."""
+    units = nominal_units(path) or "metal"
     with prefixed(f"{path}: "):
-        found = read_structure(path, unit_system("metal"))
+        found = read_structure(path, unit_system(units))
         if found.periodic and found.edges is None:
             raise InputError("is periodic, but has no cell")
         box = Box(found.edges, periodic=found.periodic) if found.periodic else None
         return System(
-            found.positions, found.velocities, found.masses, box, units="metal", species=found.species, name=path.stem,
+            found.positions, found.velocities, found.masses, box, units=units, species=found.species, name=path.stem,
             charges=found.charges,
         )  # fmt: skip
 
@@ -252,7 +254,8 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     table: schema.SystemTable = schema.checked(schema.SystemTable, data, units)
     run = run_defaults(table.run, units)
     forces = [_force(force, units, f"force[{k}]", path.parent) for k, force in enumerate(table.force)]
-    start = _start(table, units, path.parent, G_given(forces, units), seed)
+    frame = frame_system(table, units, path.parent)
+    start = _start(table, units, path.parent, G_given(forces, units), seed, frame)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
     if seed is not None and not drawn and start.seed is None and not draws_noise(run):
@@ -262,8 +265,14 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     if table.velocities is not None:
         velocities = None if drawn else np.array(table.velocities.values, dtype=float)
         seed = table.velocities.seed if seed is None else seed
+    virtual_sites: Any
+    constraints: Any
     topology, virtual_sites = molecules_of(table, path.parent)
     constraints = [constraint_of(given, k) for k, given in enumerate(table.constraint)]
+    if frame is not None:
+        seed = frame.seed if seed is None else seed
+        topology = frame.topology if topology is None else topology
+        constraints, virtual_sites = constraints or frame.constraints, virtual_sites or frame.virtual_sites
     stages = [stage_of(given, units, f"stage[{k}]") for k, given in enumerate(table.stage)]
     equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units, run)
 
@@ -328,7 +337,12 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str, folder: Path) ->
 
 
 def _start(
-    table: schema.SystemTable, units: UnitSystem, folder: Path, gravity: float | None, seed: int | None
+    table: schema.SystemTable,
+    units: UnitSystem,
+    folder: Path,
+    gravity: float | None,
+    seed: int | None,
+    frame: System | None,
 ) -> Structure:
     particles, box = table.particles, edges_given(table)
     with prefixed("particles."):
@@ -344,6 +358,8 @@ def _start(
                 if isinstance(particles, ElementsTable)
                 else cluster(particles, units, seed)
             )
+        if frame is not None:
+            return structure_of(frame, particles, box is not None)
         if "\0" in particles.file:
             raise InputError(f"file: expected the name of a file, got {shown(particles.file)}")
         with prefixed("file: "):

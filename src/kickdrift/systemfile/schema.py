@@ -103,6 +103,7 @@ class PositionsTable(Table):
 
 class FileTable(Table):
     file: str
+    frame: int | None = None  # of a run's file
     charge: Charges = None
     charges: list[base.Charge] | None = None
     atom_style: Literal["atomic", "charge", "bond", "angle", "molecular", "full"] | None = None  # of LAMMPS' data files

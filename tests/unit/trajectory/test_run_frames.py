@@ -266,3 +266,89 @@ def test_a_run_that_nobody_has_any_more_is_gone_and_so_closed(file):
     part[0].positions
     del part
     assert alive() is None
+
+
+# -- frames as particles of a system file
+FORCE = 'cutoff = 3.0\ntruncation = "force-shift"\n'
+
+
+def beside(path: Path, particles: str = "", more: str = "", units: str = "lj") -> kd.System:
+    """System of a file whose particles are a frame of the run at ``path``."""
+    text = f'units = "{units}"\n{more}\n[[force]]\ntype = "lennard-jones"\n{FORCE}[particles]\nfile = "{path.name}"\n'
+    (path.parent / "next.toml").write_text(text + particles)
+    return kd.load(path.parent / "next.toml")
+
+
+def test_a_system_file_takes_a_frame(tmp_path):
+    path, made = tmp_path / "run.h5md", make_system()
+    topology, charges = kd.Topology(bonds=[[0, 1], [1, 2]], exclusions=[[0, 2]]), np.arange(N) - 3.0
+    write(path, made.remade(topology=topology, charges=charges))
+    for frame, said in ((-1, ""), (-1, "frame = -1"), (2, "frame = 2"), (0, "frame = -12")):
+        found = beside(path, said)
+        with kd.open(path) as run:
+            np.testing.assert_array_equal(found.state.positions, run[frame].positions)
+            np.testing.assert_array_equal(found.state.velocities, run[frame].velocities)
+        assert (found.box, found.names, found.state.time) == (made.box, made.names, 0.0)
+        np.testing.assert_array_equal(found.species_index, made.species_index)
+        for one, other in (
+            (found.charges, charges),
+            (found.radii, made.radii),
+            (found.state.masses, made.state.masses),
+        ):
+            np.testing.assert_array_equal(one, other)
+        assert found.topology.tables() == topology.tables()
+        assert len(found.forces) == 1
+    assert beside(path, "frame = 2").seed != beside(path, "frame = 3").seed  # noise does not repeat
+    other = beside(path, "charge = 0.5", "[box]\nlengths = [90, 90, 90]\n[topology]\nbonds = [[3, 4]]")
+    assert (other.box, set(other.charges)) == (kd.Box((90.0, 90.0, 90.0)), {0.5})
+    assert other.topology.tables()["bonds"] == [[3, 4]]
+    drawn = beside(path, "", "[velocities]\ntemperature = 1.0\nseed = 4")
+    assert drawn.seed == 4
+    assert (drawn.state.velocities != found.state.velocities).any()
+
+
+@pytest.mark.parametrize(
+    ("name", "particles", "more", "units", "told"),
+    [
+        ("run.h5md", "frame = 12", "", "lj", "particles.file: {} has no frame 12; it holds 12"),
+        ("run.h5md", "frame = -13", "", "lj", "particles.file: {} has no frame -13; it holds 12"),
+        ("run.h5md", "frame = 0.5", "", "lj", "particles.frame: expected a whole number, got 0.5"),
+        ("run.h5md", "", "", "metal", 'units: the run of {} is in units = "lj", got "metal"'),
+        ("run.h5md", "", "dimensions = 2", "lj", "dimensions: the run of {} has 3 dimensions; expected dimensions = 3"),
+        ("run.h5md", 'atom_style = "full"', "", "lj", "particles.atom_style: is for data files of LAMMPS, and {} is"),
+        ("none.h5md", "", "", "lj", "particles.file: {} no such file"),
+        ("ode.h5", "", "", "lj", "particles.file: {} has no frames of particles; a run of particles ends in .h5md"),
+        ("ode.h5md", "", "", "lj", "particles.file: {} is the file of a Problem's run"),
+        ("start.xyz", "frame = 0", "", "lj", "particles.frame: is for the file of a run (.h5md), and {} is none"),
+    ],
+)
+def test_a_frame_that_no_system_file_takes(name, particles, more, units, told, tmp_path):
+    write(tmp_path / "run.h5md", make_system())
+    kd.Simulation(kd.load({"ode": {"problem": "kepler"}}), "rk4", dt=0.1).run(2, output=tmp_path / "ode.h5")
+    (tmp_path / "ode.h5md").write_bytes((tmp_path / "ode.h5").read_bytes())
+    with pytest.raises(kd.InputError) as refused:
+        beside(tmp_path / name, particles, more, units)
+    text = str(refused.value).replace(f"{tmp_path / name}:", "{}").replace(str(tmp_path / name), "{}")
+    assert told in text
+    assert "\n" not in text
+
+
+def test_a_frame_of_a_file_that_a_run_writes(tmp_path):
+    system = make_system()
+    with Writer(tmp_path / "run.h5md", system, method=METHOD, every=2) as writer:
+        writer.append(state_at(system, 0), seen_at(0), frame=True)
+        with pytest.raises(kd.InputError, match=r"particles\.file: .*a run is writing to it at this moment"):
+            beside(tmp_path / "run.h5md")
+
+
+def test_an_exported_frame_comes_back_in_reduced_units(tmp_path):
+    made = write(tmp_path / "run.h5md", make_system())
+    kd.export(tmp_path / "run.h5md", tmp_path / "last.extxyz", start=-1, unwrapped=True)
+    for found in (beside(tmp_path / "last.extxyz"), kd.load(tmp_path / "last.extxyz")):
+        assert (found.units, found.box, found.species) == (made.units, made.box, made.species)
+        end = state_at(made, (FRAMES - 1) * EVERY)
+        np.testing.assert_allclose(found.state.positions, end.positions, atol=6e-9)
+        np.testing.assert_allclose(found.state.velocities, end.velocities, atol=6e-9)
+        np.testing.assert_array_equal(found.state.masses, made.state.masses)
+    with pytest.raises(kd.InputError, match='expected units = "metal", "real" or "gromacs", got "nbody"'):
+        beside(tmp_path / "last.extxyz", units="nbody")

@@ -22,7 +22,7 @@ from kickdrift.model.checks.values import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.starts.lammps_data import AtomTable, atom_table
 from kickdrift.model.state import Floats
-from kickdrift.model.units.file_units import Scale
+from kickdrift.model.units.file_units import FileUnits, Scale
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem
 from kickdrift.text import shown, suggestion
@@ -204,10 +204,11 @@ def read_structure(
     """Last structure in any file that ASE reads: positions, cell, masses, symbols as species, momenta and charges
     if any.
 
-    ASE's units are angstrom, u and eV, so ``units`` must be metal, real or gromacs. Data files of LAMMPS are in metal,
-    real, lj or si, with the numbers of the file. There, species are the comments beside the masses of all types;
-    without these the elements of the masses in metal and real units, else the numbers of the types. The cell may have
-    any shape. Where the cell has not the form of a `Box`, positions and velocities are turned with the cell.
+    ASE's units are angstrom, u and eV, so ``units`` must be metal, real or gromacs. Two kinds of files have numbers
+    that stand as they are: exports of runs in the units of `nominal_units`, and data files of LAMMPS in metal, real, lj
+    or si. In data files, species are the comments beside the masses of all types; without these the elements of the
+    masses in metal and real units, else the numbers of the types. The cell may have any shape. Where the cell has not
+    the form of a `Box`, positions and velocities are turned with the cell.
 
     Parameters
     ----------
@@ -216,7 +217,8 @@ def read_structure(
     atom_style : style of the atoms in a data file of LAMMPS, default the one in the file or a guess from its columns
     """
     lammps = is_lammps_data(path)
-    if units.name not in (("metal", "real", "lj", "si") if lammps else ("metal", "real", "gromacs")):
+    known = ("metal", "real", "lj", "si") if lammps else ("metal", "real", "gromacs", nominal_units(path))
+    if units.name not in known:
         if lammps:
             raise InputError(f'data files of LAMMPS are in lj, metal, real or si units; got units = "{units.name}"')
         raise InputError(
@@ -267,10 +269,24 @@ def read_structure(
     if rotation is not None:
         positions = positions @ rotation.T
         velocities = None if velocities is None else velocities @ rotation.T
+    if "kind" in atoms.arrays and units.name == nominal_units(path):
+        symbols = [str(kind) for kind in atoms.arrays["kind"]]
     charges = atoms.arrays.get("initial_charges")
     charges = charges if charges is not None and charges.any() else None
     periodic_along = along if len(set(along)) > 1 else along[0]
     return Structure(positions, masses, symbols, edges, periodic_along, velocities, charges=charges)
+
+
+def nominal_units(path: Path) -> str:
+    """Name of the units of a run whose export an .extxyz file is, where its numbers stand as angstrom, u and eV: lj,
+    nbody or astro. "" for any other file."""
+    if path.suffix.lower() != ".extxyz" or unfit(path):
+        return ""
+    with path.open("rb") as file:
+        comment = file.read(4096).split(b"\n")[1:2]
+    said = re.search(rb" time_unit=(\w+)", comment[0]) if comment else None
+    time = said[1].decode() if said else None
+    return next((u.name for u in UNIT_SYSTEMS.values() if u.time == time and FileUnits.of(u).nominal), "")
 
 
 def _of_table(
