@@ -145,7 +145,7 @@ def melting_line(name, cells, edge, guess, hot, pressures, picoseconds):
 copper = melting_line("copper-864", (5, 5, 14), 3.70, 1170.0, 4000.0, (0.0, 10.0), 30.0)
 
 # %%
-silicon = melting_line("silicon-512", (3, 3, 12), 5.47, 1670.0, 4000.0, (0.0, 4.0), 40.0)
+silicon = melting_line("silicon-512", (3, 3, 12), 5.47, 1670.0, 4000.0, (0.0, 4.0), 120.0)
 print(f"{time.process_time() - began:.0f} s of processor time")
 
 # %% [markdown]
