@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -146,6 +147,7 @@ def unit_vector(key: str, direction: Any) -> Floats:
     return np.asarray(sight / np.linalg.norm(sight))
 
 
+@cache
 def metres_a_second(units: UnitSystem) -> float:
     """Unit of velocity in m/s; 1 for reduced units, which have none."""
     return 1.0 if units.reduced else 1.0 / quantity("1 m/s", "velocity", units)
