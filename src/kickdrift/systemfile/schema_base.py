@@ -35,6 +35,16 @@ class In:
         return number
 
 
+class OneOrMore:
+    """Validator of one number with a unit, or of a list of them."""
+
+    def __init__(self, one: In) -> None:
+        self.one = one
+
+    def __call__(self, value: Any, info: ValidationInfo) -> float | list[float]:
+        return [self.one(each, info) for each in value] if isinstance(value, list) else self.one(value, info)
+
+
 Length = Annotated[float, BeforeValidator(In("length"))]
 Edge = Annotated[float, BeforeValidator(In("length", "positive"))]
 Time = Annotated[float, BeforeValidator(In("time", "positive"))]
@@ -235,37 +245,19 @@ class TopologyTable(Table):
     copies: PositiveInt | None = None
 
 
-def _distances(value: Any, info: ValidationInfo) -> Any:
-    """One distance, or a list of them."""
-    convert = In("length", "positive")
-    return [convert(each, info) for each in value] if isinstance(value, list) else convert(value, info)
-
-
-Distances = Annotated[Any, BeforeValidator(_distances)]
-
-
 class ConstraintTable(Table):
     pairs: Any = None
     bonds: Any = None
     hydrogen: bool = False
     angles: Any = None
     rigid: Any = None
-    distance: Distances = None
+    distance: Annotated[Any, BeforeValidator(OneOrMore(In("length", "positive")))] = None
     angle: Annotated[float, BeforeValidator(In("angle"))] | None = None
     tolerance: float | None = None
-
-
-def _normals(value: Any, info: ValidationInfo) -> Any:
-    """One inverse length, or a list of them."""
-    convert = In("inverse length")
-    return [convert(each, info) for each in value] if isinstance(value, list) else convert(value, info)
-
-
-Normals = Annotated[Any, BeforeValidator(_normals)]
 
 
 class VirtualSiteTable(Table):
     particles: Any
     of: Any
     weights: Any
-    normal: Normals = 0.0
+    normal: Annotated[Any, BeforeValidator(OneOrMore(In("inverse length")))] = 0.0

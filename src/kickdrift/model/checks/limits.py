@@ -72,7 +72,7 @@ def check_room(key: str, count: float, what: str, each: float, advice: str = "",
 
 def memory() -> int:
     """Bytes that this process may use, limited by the machine, the container or ``ulimit -v``."""
-    return min(_of_machine(), *(int(text) for text in map(_read, _LIMITS) if text.isdecimal()), *memory_limits())
+    return min([_of_machine(), *(int(text) for text in map(_read, _LIMITS) if text.isdecimal()), *memory_limits()])
 
 
 def _of_machine() -> int:
