@@ -97,7 +97,7 @@ def test_a_law_is_the_slope_of_its_energy(name):
         assert math.isclose(slope, found, abs_tol=1e-7 * size)
 
 
-WIDE = {key: {"sigma": 2.1} for key in ("soft-pair", "weeks-chandler-andersen")}  # which end before the cutoff by default
+WIDE = {key: {"sigma": 2.1} for key in ("soft-pair", "weeks-chandler-andersen")}  # by default they end too early
 
 
 @pytest.mark.parametrize("truncation", TRUNCATIONS)
