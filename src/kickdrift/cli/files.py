@@ -84,13 +84,15 @@ def info(
         return
     if not of_run:
         from kickdrift.run.report.charges import charge_warnings, charges_of
+        from kickdrift.run.report.warnings import unused_warnings
 
         system = kd.load(file)
         check_run(system)
         (key, name), *rest = lines_of(system)
         charged = charges_of(system)
         more = [] if charged is None else charged.lines(cast(System, system).units.symbol("length"))
-        print_lines([(key, f"{name}: valid"), *rest, *more, *(("warning", told) for told in charge_warnings(system))])
+        warnings = [("warning", told) for told in (*unused_warnings(system), *charge_warnings(system))]
+        print_lines([(key, f"{name}: valid"), *rest, *more, *warnings])
         return
     from kickdrift.trajectory.overview import overview
     from kickdrift.trajectory.read.info import WIDTH, described
