@@ -30,6 +30,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.charges.radial import ALL_IMAGES
 from kickdrift.forces.charges.waves import waves_of
+from kickdrift.forces.many_body.tersoff import Tersoff
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -52,6 +53,8 @@ def refusal(job: Job) -> str | None:
         or small_units(system)
     ):
         return reason
+    if any(isinstance(force, Tersoff) and force.form == ".tersoff.zbl" for force in system.forces):
+        return "tersoff: LAMMPS has tersoff/zbl in units metal alone; kd.LammpsForce runs it"
     if coulomb_of(system) is not None and not all(system.box.periodic_axes):
         return "coulomb: slabs are not possible"
     if reason := bonded_refusal(system) or lammps_refusal(job.system):

@@ -62,8 +62,7 @@ class StillingerWeber(TabledForce):
 
     name: ClassVar[str] = "stillinger-weber"
     dimensions: ClassVar[dict[str, str]] = {}
-    keys: ClassVar[tuple[str, ...]] = SiliconOf1985._fields
-    suffix: ClassVar[str] = ".sw"
+    forms: ClassVar[Mapping[str, tuple[str, ...]]] = {".sw": SiliconOf1985._fields}
     default: ClassVar[Mapping[str, Any]] = {"Si-Si-Si": SiliconOf1985()._asdict()}
 
     def __post_init__(self) -> None:

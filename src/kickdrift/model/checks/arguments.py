@@ -100,7 +100,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ),
         ("eam/alloy eam/fs embedded-atom setfl finnis-sinclair", "{word} is 'eam' here"),
         ("sw stillinger", "{word} is 'stillinger-weber' here"),
-        ("tersoff/mod tersoff/zbl", "{word} is not there; 'tersoff' is Tersoff's form of 1988"),
+        ("tersoff/mod tersoff/mod/c tersoff/zbl", "{word} is 'tersoff' here, with entries or a file of that form"),
         ("angle angles", "did you mean 'harmonic-angle' or 'cosine-angle'?"),
         (
             "dihedral dihedrals torsion proper",
