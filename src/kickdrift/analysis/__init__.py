@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.compare.engine_forces import EngineComparison, EngineForces, compare_engines
     from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
     from kickdrift.analysis.crystals.elastic import ElasticConstants, elastic_constants
+    from kickdrift.analysis.crystals.potential import Crystal, PotentialFile, potential_file
     from kickdrift.analysis.observables.dielectric import Dielectric, dielectric_constant
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.observables.pressure import pressure_tensor
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
+    "Crystal": "kickdrift.analysis.crystals.potential",
     "Dielectric": "kickdrift.analysis.observables.dielectric",
     "Diffusion": "kickdrift.analysis.observables.motion",
     "ElasticConstants": "kickdrift.analysis.crystals.elastic",
@@ -37,6 +39,7 @@ _HOMES = {
     "EnsembleChecks": "kickdrift.analysis.certify.certificate",
     "ForceChecks": "kickdrift.analysis.certify.certificate",
     "OrbitReport": "kickdrift.analysis.orbits.secular_report",
+    "PotentialFile": "kickdrift.analysis.crystals.potential",
     "ProperOrbit": "kickdrift.analysis.orbits.secular_report",
     "Resonance": "kickdrift.analysis.orbits.secular_report",
     "SamplingComparison": "kickdrift.analysis.compare.sampling",
@@ -54,6 +57,7 @@ _HOMES = {
     "orbit_report": "kickdrift.analysis.orbits.secular_run",
     "orbital_elements": "kickdrift.analysis.orbits.orbits",
     "poincare_section": "kickdrift.analysis.orbits.section",
+    "potential_file": "kickdrift.analysis.crystals.potential",
     "pressure_tensor": "kickdrift.analysis.observables.pressure",
     "radial_distribution": "kickdrift.analysis.observables.structure",
     "radial_velocities": "kickdrift.analysis.orbits.observed",
@@ -64,6 +68,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Crystal",
     "Dielectric",
     "Diffusion",
     "ElasticConstants",
@@ -72,6 +77,7 @@ __all__ = [
     "EnsembleChecks",
     "ForceChecks",
     "OrbitReport",
+    "PotentialFile",
     "ProperOrbit",
     "Resonance",
     "SamplingComparison",
@@ -89,6 +95,7 @@ __all__ = [
     "orbit_report",
     "orbital_elements",
     "poincare_section",
+    "potential_file",
     "pressure_tensor",
     "radial_distribution",
     "radial_velocities",

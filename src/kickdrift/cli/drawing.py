@@ -62,16 +62,28 @@ def plot(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Draw a run, an ensemble or stability regions. A run gives orbits and elements; or energies, error, temperature
-    and radial distribution function; or one observable with error bars; or one column against time. The run of an ODE
-    gives y against time, the phase portrait and the energy error. The name of an ODE's system file gives these of
-    several methods side by side. An ensemble gives a map, a curve, points or a histogram."""
+    """Draw a run, an ensemble, a potential's file or stability regions. A run gives orbits and elements; or energies,
+    error, temperature and radial distribution function; or one observable with error bars; or one column against time.
+    The run of an ODE gives y against time, the phase portrait and the energy error. The name of an ODE's system file
+    gives these of several methods side by side. An ensemble gives a map, a curve, points or a histogram. A potential
+    gives the energies of crystals."""
+    from kickdrift.analysis.crystals.potential import is_potential
+
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
     if file and _is_system(file):
         if kind or column:
             raise InputError(f"--{'kind' if kind else 'column'} is for a run's file, and FILE is a system file")
         out(str(_plot_methods(file, output, integrator, options, time, overwrite, quiet)))
+        return
+    if file and is_potential(file):
+        from kickdrift.plots.potentials import plot_potential
+
+        if kind or column:
+            raise InputError(f"--{'kind' if kind else 'column'} is for a run's file, and FILE is a potential")
+        with busy(f"drawing {file}", quiet):
+            drawn = plot_potential(file, output or Path(f"{file}.png"), overwrite=overwrite)
+        out(str(drawn))
         return
     if integrator or options or time is not None:
         raise InputError("--integrator, --time and options of a method are for an ODE's system file or name")

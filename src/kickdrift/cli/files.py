@@ -55,16 +55,26 @@ def export(
 
 
 def info(
-    file: Annotated[str, argument("FILE", "A run's file, an ensemble's table, or a system file or name.")],
+    file: Annotated[
+        str, argument("FILE", "A run's file, an ensemble's table, a system file or name, or a potential's file.")
+    ],
     all_: Annotated[bool, typer.Option("--all", help="Everything that a run's file holds.")] = False,
     json_file: Json = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Describe a run's file or an ensemble's table, or check a system file without running it."""
-    refuse_outputs({"json": json_file}, overwrite, [file])
+    """Describe a run's file, an ensemble's table or a potential's file, or check a system file without running it."""
+    from kickdrift.analysis.crystals.potential import is_potential, potential_file
 
+    refuse_outputs({"json": json_file}, overwrite, [file])
     if Path(file).suffix == ".h5md" and not os.path.lexists(file):
         raise InputError(f"{file}: no such file")
+    if is_potential(file):
+        if all_ or json_file is not None:
+            raise InputError(f"{file}: {'--all' if all_ else '--json'} is for the file of a run")
+        with busy(f"crystals of {file}"):
+            lines = potential_file(file).lines()
+        print_lines(lines)
+        return
     if is_problem(Path(file)):
         _info_of_problem(file, all_, json_file, overwrite)
         return
