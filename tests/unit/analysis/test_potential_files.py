@@ -38,7 +38,8 @@ def test_carbon_of_a_file_with_two_names(tmp_path):
     assert ("X", "no fcc, bcc, sc or diamond crystal alone") in found.lines()
 
 
-def test_commands(kickdrift):
+def test_commands(kickdrift, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     code, out, _ = kickdrift("info", COPPER)
     assert code == 0
     assert "fcc, a = 3.61498 angstrom, -3.53998 eV an atom" in out

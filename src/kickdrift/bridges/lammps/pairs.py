@@ -268,8 +268,13 @@ def _in_lammps(read: Read, types: Types, given: Charges, special: Any) -> Lammps
     if any(line.startswith("dielectric") for line in commands):
         raise InputError(f"pair_style {style}: dielectric has no counterpart beside it")
     charged = "charge" if given.charges is not None and given.charges.any() else "atomic"
-    coefficients = [" ".join(words) for row in rows for words in renumbered(row, types)]
+    coefficients = [" ".join(_placed(read.folder, words)) for row in rows for words in renumbered(row, types)]
     return LammpsForce(style, coefficients or "* *", commands, charged)
+
+
+def _placed(folder: Path, words: Sequence[str]) -> list[str]:
+    """Words of coefficients, where a file in the input's folder has its whole path."""
+    return [*words[:2], *(str((folder / each).resolve()) if (folder / each).is_file() else each for each in words[2:])]
 
 
 def _data_rows(read: Read) -> Iterator[list[str]]:
