@@ -37,7 +37,7 @@ def liquid_runs(module: Module) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for cutoff in CUTOFFS:
         cut = system.with_forces(LennardJones(cutoff=cutoff, truncation="shift"))  # type: ignore[call-arg]
-        found |= {f"{name} {cutoff}": each for name, each in _runs(module, cut, methods, 0.004).items()}
+        found |= {f"{name} {cutoff}": each for name, each in _runs(module, cut, methods).items()}
     return found
 
 
@@ -45,12 +45,17 @@ def system_runs(path: str, module: Module) -> dict[str, Any]:
     """The system of a file by its own method and others, by name. Raises InputError for what a page cannot hold."""
     system = page_system(path)
     assert system.run is not None
-    assert system.run.dt is not None
     names = dict.fromkeys([system.run.integrator or OTHERS[0], *OTHERS])
     methods: dict[str, dict[str, float]] = {each: {} for each in names if _kept(each)}
     if system.box.periodic and (warmth := _temperature(system)):
-        methods["baoab"] = {"temperature": warmth, "friction": 0.01 / system.run.dt}
-    return _runs(module, system, methods, system.run.dt)
+        methods["baoab"] = {"temperature": warmth, "friction": 0.01 / _step(system)}
+    return _runs(module, system, methods)
+
+
+def _step(system: System) -> float:
+    assert system.run is not None
+    assert system.run.dt is not None
+    return system.run.dt
 
 
 def _temperature(system: System) -> float:
@@ -92,13 +97,12 @@ def shown_system(path: str) -> dict[str, Any]:
     scene = scene_of(system, colour="speed" if system.box.periodic else None) | {"notes": []}
     for chunk in scene["chunks"]:
         chunk["ellipses"] = None  # they hold for the start alone
-    dt = system.run.dt if system.run else None
-    return {"scene": scene, "edges": system.box.lengths, "boltzmann": system.units.boltzmann, "dt": dt}
+    return {"scene": scene, "edges": system.box.lengths, "boltzmann": system.units.boltzmann, "dt": _step(system)}
 
 
-def _runs(module: Module, system: System, methods: Methods, dt: float) -> dict[str, Any]:
+def _runs(module: Module, system: System, methods: Methods) -> dict[str, Any]:
     """What a page runs: the System by each of these methods with its options, by the method's name."""
-    return {name: _run(module, system, name, {**options, "dt": dt}) for name, options in methods.items()}
+    return {name: _run(module, system, name, {**options, "dt": _step(system)}) for name, options in methods.items()}
 
 
 def _run(module: Module, system: System, name: str, options: dict[str, float]) -> dict[str, Any]:
