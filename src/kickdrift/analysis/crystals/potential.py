@@ -16,11 +16,13 @@ from kickdrift.forces.many_body.tables import STYLES
 from kickdrift.model.starts.builders import LATTICES, lattice
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
+from kickdrift.text import clean
 
 SUFFIXES = (*STYLES, *StillingerWeber.forms, *Tersoff.forms)
 KINDS = ("fcc", "bcc", "sc", "diamond")
 BONDS = {"fcc": 0.5**0.5, "bcc": 0.75**0.5, "sc": 1.0, "diamond": 0.1875**0.5}  # distance of neighbours over a
 NEAREST = np.linspace(1.2, 4.4, 65)  # distances of neighbours in angstroms at which an energy is looked for
+NOTE = 300  # letters of the first line that are shown
 DIGITS = 1e-7  # of a lattice constant
 BOUND = -0.05  # eV; an element whose crystals bind less has none here, such as helium
 
@@ -95,7 +97,7 @@ def potential_file(path: str | os.PathLike[str]) -> PotentialFile:
         raise InputError(f"{path}: expected the name of a potential's file, which ends in {', '.join(SUFFIXES)}")
     force = kind(file=str(path))
     with open(path, encoding="utf-8", errors="replace") as file:
-        note = " ".join(file.readline().lstrip("# ").split())
+        note = clean(" ".join(file.readline(NOTE).lstrip("# ").split()), NOTE)
     found = []
     for element in force.known:
         crystals = (_crystal(force, element, kind) for kind in KINDS)
@@ -143,4 +145,6 @@ class _Energy:
         cells = int(np.ceil(2.0001 * self.force.cutoff / a))
         x, edges = lattice(self.kind, sites * cells**3, sites / a**3)
         system = System(x, masses=1.0, box=edges, forces=[self.force], units="metal", species=[self.element] * len(x))
-        return BoundForces(system, thin=True).measure(0.0, system.state.phase).potential / len(x)
+        measured = BoundForces(system, thin=True).measure(0.0, system.state.phase)
+        assert measured is not None
+        return measured.potential / len(x)

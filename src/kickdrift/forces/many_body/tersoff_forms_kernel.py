@@ -43,7 +43,7 @@ class TersoffModLaw(NamedTuple):
     others: NDArray[Any]
     forces: NDArray[np.float64]
 
-    with_room = TersoffLaw.with_room
+    with_room = TersoffLaw.with_room  # type: ignore[misc]
 
 
 class TersoffZblLaw(NamedTuple):
@@ -58,7 +58,7 @@ class TersoffZblLaw(NamedTuple):
     others: NDArray[Any]
     forces: NDArray[np.float64]
 
-    with_room = TersoffLaw.with_room
+    with_room = TersoffLaw.with_room  # type: ignore[misc]
 
 
 @as_written
