@@ -36,9 +36,8 @@ ATOM_STYLES = ("atomic", "charge")
 
 def digest_of(word: str) -> str:
     """SHA-256 of the file that LAMMPS finds under a word of a command; "" if the word names none."""
-    path = next(
-        (each for each in (Path(word), *(place / word for place in potential_folders())) if each.is_file()), None
-    )
+    places = (Path(), *potential_folders())
+    path = next((place / word for place in places if os.path.isfile(place / word)), None)
     if path is None:
         return ""
     with open(path, "rb") as file:
