@@ -36,6 +36,7 @@ class ParticleStates:
     raised: BaseException | None = None
     of_particles = True
     halves = 2
+    carries = False  # whether unknowns beside the bodies can advance apart from them: see ``Method.carries_unknowns``
 
     def __init__(self, system: System) -> None:
         with no_overflow():

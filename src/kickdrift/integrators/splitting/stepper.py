@@ -85,6 +85,8 @@ class Composition(Lettered, Protocol):
 
     def mirrored(self) -> Any: ...
 
+    def beside(self) -> Any: ...
+
 
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
@@ -131,7 +133,8 @@ class SplittingStepper(FixedStepper):
                 "reflecting-wall: mirrors single particles, and constraints hold whole molecules; take a soft wall, "
                 "such as harmonic-wall"
             )
-        method = self._method.mirrored() if walled else self._method
+        method = self._method.beside() if flow.of_particles and flow.carries else self._method  # type: ignore[union-attr]
+        method = method.mirrored() if walled else method
         rows = [FLOWS[letter] for letter in method.further]
         stages, further_stages, kick_groups = method.stages, method.further_stages, method.kick_groups
         if held:

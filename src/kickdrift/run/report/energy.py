@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.forces.around.spins import UnderSpins, spinning
+from kickdrift.forces.beside.columns import bound_under, further
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.laws.body_law import BodyForce
 from kickdrift.looks.columns import Column
@@ -101,12 +101,12 @@ class Meter:
         if sim.system is not self._system:  # a new system after a body has left
             self._system = sim.system
             under = sim.system.under(working(sim.system)[self._name])
-            self._forces = BoundForces(UnderSpins(under) if spinning(sim.system) else under)
+            self._forces, self._beside = BoundForces(bound_under(under)), bool(further(under))
             self._last = (None, (np.nan, np.nan))
         where = sim.steps_done, sim.time
         if self._last[0] != where:
             phase, n = sim.state.phase, len(sim.system)
-            seen = sim.integration.y.copy() if spinning(sim.system) else phase
+            seen = sim.integration.y.copy() if self._beside else phase
             measured = self._forces.measure(sim.time, seen)
             power = np.nan
             if measured is not None:
