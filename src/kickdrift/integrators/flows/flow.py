@@ -102,9 +102,10 @@ class FlowBeside(ParticleFlow):
 
     def carried(self) -> Any:
         """Hand the unknowns to a method that advances them by itself, and return their compiled form."""
-        own = next(each for each in self.forces.forces if hasattr(getattr(each.parts, "law", None), "split"))
-        own.parts.law.split[0] = 1
-        return own.parts.law
+        laws = (getattr(force.parts, "law", None) for force in self.forces.forces)
+        own = next(law for law in laws if hasattr(law, "split"))
+        own.split[0] = 1
+        return own
 
     def look(self, looks: Looks, y: Floats, time: float, step: int, last: Floats, fresh: bool = False) -> int:
         """See ParticleStates; the angular momentum includes the spins."""
