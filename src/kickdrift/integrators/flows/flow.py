@@ -11,6 +11,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.forces.beside.columns import UnderColumns, further
+from kickdrift.forces.beside.unknowns import UNKNOWNS, Beside
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.flows.problem_flow import ProblemFlow
@@ -22,6 +23,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 
+HUGE = 1e100  # no unknown is as large before it blows up
 MOST = 256  # bodies whose pairs are all searched for events; the tree of more bodies knows no spins
 
 
@@ -132,13 +134,14 @@ class FlowBeside(ParticleFlow):
         super().begin(record, y[:, :, : len(self.subject)])
 
     def explain(self, y: Floats, before: Floats, good: Floats, step: int, time: float, good_step: int) -> str:
-        """See ParticleFlow; also names an unknown that is not finite."""
+        """See ParticleFlow; also names an unknown that has blown up."""
         n = len(self.subject)
-        for own in self._own:
-            wrong = np.flatnonzero(~np.isfinite(y[1, 0, self._at[own.columns.key]]))
-            if wrong.size and np.isfinite(y[:, :, :n]).all():
-                which = getattr(own.force, "names", [f"{own.columns.key}[{wrong[0]}]"] * (int(wrong[0]) + 1))
-                return f"step {step} (t = {time:.6g}): {own.force.name}: {which[int(wrong[0])]} is not finite"
+        for force in (own.force for own in self._own if own.force.name == Beside.name):
+            values = self.values(y)[UNKNOWNS]
+            largest = int(np.argmax(np.where(np.isnan(values), np.inf, np.abs(values))))
+            if np.isfinite(y[:, :, :n]).all() and not abs(values[largest]) <= HUGE:
+                value = f"{force.names[largest]} is {values[largest]:.3g}"
+                return f"step {step} (t = {time:.6g}): {force.name}: {value}; the last good point is step {good_step}"
         return super().explain(y[:, :, :n], before[:, :n], good[:, :, :n], step, time, good_step)
 
     def meeting(self, y: Floats) -> str:

@@ -62,7 +62,9 @@ class Trace(Method):
         one_gravity(self.name, system)
         for force, kind in further(system):
             raise InputError(
-                f"{self.name}: moves bodies, and force {force.name!r} also changes {kind.key}; gauss-radau15 takes both"
+                f"{self.name}: moves bodies, and force {force.name!r} also "
+                + ("turns their spins" if kind.moments else f"changes {kind.key}")
+                + "; gauss-radau15 takes both"
                 + (", and force 'tides' leaves the spins as they are" if kind.moments else "")
             )
         if not np.any(system.state.masses > 0.0):

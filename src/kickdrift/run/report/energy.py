@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.forces.beside.columns import bound_under, further
+from kickdrift.forces.beside.unknowns import Beside
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.laws.body_law import BodyForce
 from kickdrift.looks.columns import Column
@@ -55,10 +56,10 @@ class Work(NamedTuple):
 
 
 def working(system: Any) -> dict[str, list[Any]]:
-    """Body laws that do work, by name; none for a Problem."""
+    """Body laws and unknowns that do work, by name; none for a Problem."""
     found: dict[str, list[Any]] = {}
     for force in system.forces if isinstance(system, System) else ():
-        if isinstance(force, BodyForce) and force.works:
+        if isinstance(force, BodyForce | Beside) and force.works:
             found.setdefault(force.name, []).append(force)
     return found
 
