@@ -275,6 +275,8 @@ def _walled(flow: Flow) -> bool:
 
 def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:
     """Group of each force. Raises InputError for a group that the word does not kick."""
+    if (own := getattr(flow, "groups", None)) is not None:
+        return np.array(own, np.int64)
     forces = [] if not isinstance(flow.subject, System) else flow.subject.forces
     groups = [whole_number(f"force {force.name}: group", getattr(force, "group", 0), 0) for force in forces]
     for force, group in zip(forces, groups, strict=True):
