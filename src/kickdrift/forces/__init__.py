@@ -10,8 +10,8 @@ from kickdrift.forces.around.oblateness import CentralPotential, Oblateness
 from kickdrift.forces.around.radiation import NonGravitational, RadiationPressure
 from kickdrift.forces.around.relativity import EinsteinInfeldHoffmann, LenseThirring, PostNewtonian, RadiationReaction
 from kickdrift.forces.around.spins import TidesSpin
-from kickdrift.forces.beside.unknowns import Beside
 from kickdrift.forces.around.tides import Tides
+from kickdrift.forces.beside.unknowns import Beside
 from kickdrift.forces.bonded.cmap import Cmap
 from kickdrift.forces.bonded.own_pairs import ListedPairs
 from kickdrift.forces.bonded.shipped import (

@@ -233,5 +233,5 @@ def test_a_run_that_fails_names_the_unknown():
         return (y[0] * y[0],)
 
     system = with_unknowns(explodes, (1.0,), ("fuel",), None)
-    with pytest.raises(kd.RunError, match="beside: fuel is .*; the last good point is step 11"):
+    with pytest.raises(kd.RunError, match=r"beside: fuel is .*; the last good point is step 11"):
         kd.Simulation(system, "velocity-verlet", dt=0.1).run(until=5.0)

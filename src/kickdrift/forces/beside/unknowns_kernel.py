@@ -1,4 +1,4 @@
-"""Compiled equations of unknowns beside the bodies: their rates, their accelerations, and their steps while bodies rest.
+"""Compiled equations of unknowns beside the bodies: rates, accelerations, and steps while the bodies rest.
 
 The user's functions belong to the type of the parts, as those of body laws do.
 """
@@ -49,7 +49,8 @@ def bound_unknowns(force: Beside, begin: int, masses: NDArray[np.float64]) -> Bo
 @cache
 def _kind(f: Any, acts: Any) -> type:
     """The class of parts with these functions."""
-    rates, pushes = as_written(f), None if acts is None else as_written(acts)
+    rates: Any = as_written(f)
+    pushes: Any = None if acts is None else as_written(acts)
 
     @as_written
     def fill_rates(p, t):

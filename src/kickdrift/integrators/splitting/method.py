@@ -152,7 +152,7 @@ class Splitting(Method):
         return in_turn and np.allclose(self.of(outer), ends, rtol=0.0, atol=1e-14)
 
     @property
-    def carries_unknowns(self) -> bool:
+    def carries_unknowns(self) -> bool:  # type: ignore[override]
         """Whether unknowns beside the bodies can advance in the word: an order above 2 must come from leapfrog
         steps alone."""
         steps = self.order <= 2 or self.in_steps or self._steps_between(DRIFT, KICK)

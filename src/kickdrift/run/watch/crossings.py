@@ -199,7 +199,8 @@ class Crossings(Checkpointed):
     def _of_bodies(self, y: Floats) -> tuple[Floats, ...]:
         """Positions and velocities of the bodies, and the unknowns beside them, if any, which are the last columns."""
         n = len(self._subject)
-        count = sum(getattr(force, "unknowns", 0) for force in self._subject.forces)  # type: ignore[union-attr]
+        forces: Any = getattr(self._subject, "forces", ())
+        count = sum(getattr(force, "unknowns", 0) for force in forces)
         return (y[0, :n], y[1, :n], *([y[1, len(y[1]) - count :, 0]] if count else []))
 
     def _called(self, m: int, time: float, y: Floats, step: int) -> float:

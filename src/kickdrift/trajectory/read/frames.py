@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
 from warnings import warn
 
@@ -105,7 +105,7 @@ class Frame:
         """State for a Simulation of the same bodies: ``sim.state = run[k].state``."""
         phase = np.array([self.positions.T, self.velocities.T])
         own = self._run.masses.copy(), self._run.ids.copy()
-        return State(phase, *own, self.box, self.time, self.step, **self._beside)
+        return replace(State(phase, *own, self.box, self.time, self.step), **self._beside)  # type: ignore[arg-type]
 
     @property
     def _beside(self) -> dict[str, Floats]:
