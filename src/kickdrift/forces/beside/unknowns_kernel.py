@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.beside.unknowns import Beside, Bodies
+from kickdrift.forces.beside.columns import Bodies
 from kickdrift.forces.equations.code import write
 from kickdrift.forces.laws.body_kernel import BodyWork
 from kickdrift.jit.compile import as_written
@@ -36,7 +36,7 @@ class Unknowns(NamedTuple):
     masses: NDArray[np.float64]  # (n,)
 
 
-def bound_unknowns(force: Beside, begin: int, masses: NDArray[np.float64]) -> BodyWork:
+def bound_unknowns(force: Any, begin: int, masses: NDArray[np.float64]) -> BodyWork:
     """Bind the equations as a law of all bodies. The unknowns' first column is ``begin``."""
     functions = (getattr(each, "py_func", each) for each in (force.f, force.acts))
     k, n = force.unknowns, len(masses)
@@ -82,7 +82,7 @@ def _kind(f: Any, acts: Any) -> type:
         compiled_law = as_written(passive if acts is None else active)
         compiled_rates = fill_rates
 
-    Made.__qualname__ = Beside.name
+    Made.__qualname__ = "beside"  # for the message of a function that does not compile
     return Made
 
 
