@@ -119,6 +119,10 @@ class Beside(Field):
                 f"{self.name}: velocity_dependent must be True or False, got {shown(self.velocity_dependent)}"
             )
 
+    def __str__(self) -> str:
+        functions = [each.__name__ for each in (self.f, self.acts) if each is not None]
+        return f"Beside({', '.join(self.names)}: {' and '.join(functions)})"
+
     @property
     def unknowns(self) -> int:
         """Number of unknowns."""
