@@ -11,6 +11,7 @@ from kickdrift.bridges.lammps_data import DataFile
 from kickdrift.engines.fields import PositionRestraint
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job
+from kickdrift.engines.rigid import rigid_items
 from kickdrift.engines.special import Special, special_of
 from kickdrift.engines.tables import POINTS, PairTable, written
 from kickdrift.model.box.box import Box
@@ -96,6 +97,10 @@ def bonded_of(system: System, pair_force: Any) -> Bonded | None:
             rows.append(np.column_stack([len(lines) + 1 + which, items + 1]))
             lines += [(terms.style, terms.coefficients(law)) for law in laws]
         every = getattr(topology, kind)
+        for still, length in rigid_items(system, kind):
+            styles.append("zero")
+            rows.append(np.column_stack([np.full(len(still), len(lines) + 1), still + 1]))
+            lines.append(("zero", (length,)))
         free = every[~np.isin(np.arange(len(every)), _listed(every, rows))] + 1
         if kind == "bonds" and len(free):  # they count for the factors of pairs
             styles.append("zero")
@@ -125,7 +130,8 @@ def bonded_of(system: System, pair_force: Any) -> Bonded | None:
 def _listed(every: NDArray[np.int64], rows: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Numbers of the items that some force has."""
     number = {tuple(item): k for k, item in enumerate((every + 1).tolist())}
-    return np.array([number[tuple(row[1:])] for part in rows for row in part.tolist()], np.int64)
+    found = (number.get(tuple(row[1:])) for part in rows for row in part.tolist())  # a rigid angle may be in no list
+    return np.array([k for k in found if k is not None], np.int64)
 
 
 HIGHEST = 7  # order of LAMMPS' pppm
@@ -238,21 +244,21 @@ def data_of(model: Model, edges: Floats, x: Floats, v: Floats, **more: Any) -> D
     )  # fmt: skip
 
 
-def acting(model: Model, folder: Path, said: Callable[[Path], str]) -> list[str]:
-    """Commands of the forces without those along bonds. Files of potentials and tables are written into the ``folder``;
-    ``said`` is the name by which commands call such a file."""
+def acting(model: Model, place: Path, said: Callable[[Path], str]) -> list[str]:
+    """Commands of the forces without those along bonds. The names of files of potentials and tables begin with
+    ``place``; ``said`` is the name by which commands call such a file."""
     if model.own:
         return list(model.own)
     if model.many_body:
         style, text, species = model.many_body
-        file = folder / f"potential.{style.replace('/', '.')}"
+        file = place.with_name(f"{place.name}.{style.replace('/', '.')}")
         file.write_text(text, encoding="utf-8")
         elements = "" if style == "eam" else " ".join(species)  # a file of one element names none
         return [f"pair_style {style}", f"pair_coeff * * {said(file)} {elements}"]
     if model.tables:
         commands = [f"pair_style table spline {POINTS}"]
         for table in model.tables:
-            file = folder / f"table.{table.types[0]}.{table.types[1]}"
+            file = place.with_name(f"{place.name}.table.{table.types[0]}.{table.types[1]}")
             written(table, file)
             commands.append(f"pair_coeff {table.types[0]} {table.types[1]} {said(file)} pair")
         return commands

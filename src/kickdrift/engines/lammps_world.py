@@ -52,7 +52,7 @@ class World:
                 box = model.box
                 shape = " ".join(["prism" if box.tilts else "block", *map(repr, [*edges.ravel().tolist(), *box.tilts])])
                 self._commands(f"region box {shape} units box", f"create_box {len(model.masses)} box")
-            self._commands(*acting(model, Path(folder), lambda file: repr(str(file))))
+            self._commands(*acting(model, Path(folder) / "potential", lambda file: repr(str(file))))
         self._commands(
             *(f"mass {kind} {mass!r}" for kind, mass in enumerate(model.masses, 1)),  # after eam, which sets masses
             f"neighbor {model.skin!r} bin",

@@ -34,8 +34,11 @@ def special_of(system: System, pair_force: Any) -> Special | str:
         return "listed-pairs: LAMMPS scales pairs by their bonds, and the system has none" if listed else Special()
     if not len(topology.exclusions) and not listed:
         return Special(*(tuple(topology.factors or WHOLE),) * 2)
-    beside = [] if pair_force is None else [pair_force]
-    if listed and any(type(each) is not LennardJones or each.truncation != "cut" for each in beside):
+    other = pair_force is not None and (type(pair_force), getattr(pair_force, "truncation", "")) != (
+        LennardJones,
+        "cut",
+    )
+    if listed and other:
         return 'listed-pairs: LAMMPS scales pairs beside lennard-jones with truncation "cut"'
     known, terms = _listed(system, listed)
     special = topology.scaled.pairs

@@ -82,8 +82,9 @@ class Bridged:
 
         LAMMPS reads the input up to its first run, in a process of its own. Its box, particles, lists, styles and
         coefficients become the System, and the fixes nve, nvt, langevin, temp/csvr and shake the run's defaults and
-        constraints. A species is a type's element or label, else its number. Pair styles: lj/cut, also with
-        coul/long, eam, sw and tersoff; any other becomes a `LammpsForce`. Bonds: harmonic, fene, morse. Angles:
+        constraints. A species is a type's element or label, else its number. Pair styles: lj/cut, buck and born, also
+        with coul/long, lj/smooth/linear, mie/cut, morse, yukawa, gauss, soft, eam, sw and tersoff, with cutoffs of
+        pairs; any other becomes a `LammpsForce`. Bonds: harmonic, fene, morse. Angles:
         harmonic, cosine, charmm. Dihedrals: harmonic, charmm, fourier, opls, multi/harmonic. Impropers: harmonic, cvff.
         A UserWarning names what was left out.
 
@@ -100,6 +101,25 @@ class Bridged:
             For such commands in an input that is not trusted, for what kickdrift lacks, and whatever LAMMPS says.
         """
         return bridge("lammps", "System.from_lammps").system_of(path, units, tuple(commands), trusted)
+
+    def to_lammps(self, path: Any, overwrite: bool = False) -> Any:
+        """Write an input of LAMMPS and a data file beside it, and return their paths; the inverse of `from_lammps`.
+
+        The input is in the units of the system, from gromacs in real. It ends with the run of the system's defaults, if
+        they have steps. A potential of many bodies, and the tables of a switched law, are files beside it.
+        ``kd.System.from_lammps(path)`` has the same energies to rounding, beside tables, which stay LAMMPS' own.
+
+        Parameters
+        ----------
+        path : file of the input, or a folder for it (``in.NAME`` by the system's name)
+        overwrite : whether to replace files of these names that kickdrift wrote
+
+        Raises
+        ------
+        InputError
+            For forces, virtual sites and fixed particles without a counterpart in LAMMPS, and for other units.
+        """
+        return SYSTEM_FILES["to_lammps"](self, path, overwrite)
 
     @classmethod
     def from_mdanalysis(

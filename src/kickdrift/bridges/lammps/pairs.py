@@ -31,6 +31,7 @@ from kickdrift.forces import (
     Tersoff,
 )
 from kickdrift.forces.charges.accuracy import LEAST, MOST, TYPICAL
+from kickdrift.forces.external.lammps import PLAIN as PLAIN_TEXT
 from kickdrift.forces.external.lammps_library import POTENTIALS, lammps_class
 from kickdrift.model.molecules.relatives import Relatives
 from kickdrift.model.state import Floats
@@ -203,7 +204,7 @@ def _cutoff(rows: dict[tuple[int, ...], list[float]], i: int, j: int, told: floa
     """The cutoff of a pair with all its digits: the style's, or that of two types that LAMMPS mixes."""
     ends = [rows[k, k][-1] for k in (i, j) if (k, k) in rows]
     known = [default]
-    if len(ends) == 2:
+    if i != j and len(ends) == 2:
         a, b = ends
         known += [math.sqrt(a * b), 0.5 * (a + b), (0.5 * (a**6 + b**6)) ** (1.0 / 6.0)]
     return next((each for each in known if math.isclose(each, told, rel_tol=CLOSE)), told)
@@ -311,8 +312,19 @@ def _in_lammps(read: Read, types: Types, given: Charges, special: Any) -> Lammps
     if any(line.startswith("dielectric") for line in commands):
         raise InputError(f"pair_style {style}: dielectric has no counterpart beside it")
     charged = "charge" if given.charges is not None and given.charges.any() else "atomic"
-    coefficients = [" ".join(words) for row in rows for words in renumbered(row, types)]
+    coefficients = [" ".join(_found(read.folder, words)) for row in rows for words in renumbered(row, types)]
     return LammpsForce(style, coefficients or "* *", commands, charged)
+
+
+def _found(folder: Path, words: Sequence[str]) -> Iterator[str]:
+    """The words of a line, in which files beside the input have their whole path, unless that is more than a word."""
+    for word in words:
+        path = str((folder / word).resolve())
+        yield (
+            path
+            if folder != Path.cwd() and (folder / word).is_file() and PLAIN_TEXT.issuperset(path.replace(" ", "'"))
+            else word
+        )
 
 
 def _data_rows(read: Read) -> Iterator[list[str]]:

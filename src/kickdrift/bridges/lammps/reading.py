@@ -86,9 +86,12 @@ class Read(NamedTuple):
     def states(self, i: int, j: int) -> bool:
         """Whether the input gives coefficients of this pair of types, which LAMMPS then does not mix."""
         last = max(i, j)
-        ranges = [[span(each, last) for each in words[:2]] for words in self.all("pair_coeff")]
-        if any((i in one and j in other) or (j in one and i in other) for one, other in ranges):
-            return True
+        for words in self.all("pair_coeff"):
+            if not all(set(each) <= set("0123456789*") for each in words[:2]):  # labels of types
+                return True
+            one, other = (span(each, last) for each in words[:2])
+            if (i in one and j in other) or (j in one and i in other):
+                return True
         return i == j and any(words[0] == str(i) for text in self.files for words in _lines(text, "pair"))
 
     def _given(self, word: str) -> list[list[str]]:

@@ -76,7 +76,7 @@ def script_of(path: Path, trusted: bool = False) -> Script:
             raise InputError(f"{where}: kickdrift reads at most {MOST_COMMANDS:,} commands")
         word, *rest = line.split()
         if word in END:
-            steps = int(rest[0]) if word == "run" and rest and rest[0].isdecimal() else None
+            steps = (int(rest[0]) or None) if word == "run" and rest and rest[0].isdecimal() else None
             break
         if word in SKIPPED:
             continue

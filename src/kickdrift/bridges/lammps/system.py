@@ -35,6 +35,7 @@ _HEADING = re.compile(r"units = (\w+)")
 _STYLE = re.compile(r"^[ \t]*Atoms[ \t]*#[ \t]*(\w+)", re.MULTILINE)
 HEAD = 2**20  # bytes of a data file in which its styles are searched
 SLACK = 1e-9
+REST = {"zero": 0, "morse": 2}  # place of the length or angle of rest among coefficients; 1 in other styles
 
 
 def system_of(
@@ -179,8 +180,16 @@ def _constraints(found: Read, number: dict[int, int], asked: Asked) -> list[Cons
     """Rigid bonds with the lengths of their types, and rigid angles by the distance of their ends."""
     if not asked.rigid["bonds"]:
         return None
-    lengths = {row.types[0]: row.numbers()[1] for row in found.rows("Bond")}
-    rests = {row.types[0]: row.numbers()[1] for row in found.rows("Angle")} if asked.rigid["angles"] else {}
+    lengths = {
+        row.types[0]: row.numbers()[REST.get(row.style, 1)]
+        for row in found.rows("Bond")
+        if row.types[0] in asked.rigid["bonds"]
+    }
+    rests = {
+        row.types[0]: row.numbers()[REST.get(row.style, 1)]
+        for row in found.rows("Angle")
+        if row.types[0] in asked.rigid["angles"]
+    }
     pairs: dict[tuple[int, int], float] = {}
     for which, *ids in found.arrays["bonds"].tolist():
         if which in asked.rigid["bonds"]:
