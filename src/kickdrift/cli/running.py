@@ -44,8 +44,7 @@ from kickdrift.integrators.options import COORDINATES
 from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
-from kickdrift.systemfile.files import PARAMETERS
-from kickdrift.systemfile.reading import STRUCTURES
+from kickdrift.systemfile.files import PARAMETERS, STRUCTURES
 from kickdrift.text import shown
 
 WHOLE = ("steps", "interval")
@@ -312,6 +311,7 @@ def show(
         print_lines(lines_of(report.written_to(output)))
 
 
+@opt.with_files
 def relax(
     system: opt.Subject,
     output: Annotated[Path | None, option("FILE.toml", "Write the relaxed system as a system file.")] = None,
@@ -335,6 +335,7 @@ def relax(
     ] = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
     frame: opt.Frame = None,
+    files: Any = None,
     threads: opt.Threads = 1,
     json_file: opt.Json = None,
     overwrite: opt.Overwrite = False,
@@ -346,7 +347,7 @@ def relax(
     from kickdrift.forces.bound.forces import check_threads
     from kickdrift.run.minimization import minimum
 
-    start = subject_of(system, seed, overlaps=True, frame=frame)
+    start = subject_of(system, seed, overlaps=True, frame=frame, **files)
     if not isinstance(start, System):
         raise InputError(f"{system}: is an ODE; relax needs particles")
     if output is not None:

@@ -41,6 +41,11 @@ class Written(NamedTuple):
     data: Path
     more: tuple[Path, ...] = ()
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files."""
+        return self.input, self.data, *self.more
+
 
 def to_lammps(system: System, path: str | os.PathLike[str], overwrite: bool = False) -> Written:
     """Write the files; see `System.to_lammps`."""

@@ -1,6 +1,6 @@
 """A System in LAMMPS' terms, and the commands that make it there."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,8 +14,9 @@ from kickdrift.engines.job import Job
 from kickdrift.engines.rigid import rigid_items
 from kickdrift.engines.special import Special, special_of
 from kickdrift.engines.tables import POINTS, PairTable, written
+from kickdrift.forces import PeriodicDihedral, PeriodicImproper
 from kickdrift.model.box.box import Box
-from kickdrift.model.molecules.relatives import measured
+from kickdrift.model.molecules.relatives import Ids, measured
 from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -73,7 +74,7 @@ def refusal(system: System, pair_force: Any) -> str | None:
         return reason
     for force in split(system)[1]:
         for law in force.items(system)[1]:
-            if LAWS[type(force)].coefficients(law) is None:
+            if LAWS[type(force)].coefficients(law) is None and not _as_dihedral(force, law):
                 return f"force {force.name!r}: LAMMPS has no such parameters, {law._asdict()}"
     special = special_of(system, pair_force)
     return special if isinstance(special, str) else None
@@ -90,12 +91,10 @@ def bonded_of(system: System, pair_force: Any) -> Bonded | None:
         word = kind[:-1]
         rows, styles = [np.zeros((0, size + 1), np.int64)], list[str]()
         lines: list[tuple[str, Any]] = []
-        for force in (each for each in split(system)[1] if each.kind == kind):
-            items, laws, which = force.items(system)
-            terms = LAWS[type(force)]
-            styles.append(terms.style)
+        for items, which, told in _terms(system, kind):
             rows.append(np.column_stack([len(lines) + 1 + which, items + 1]))
-            lines += [(terms.style, terms.coefficients(law)) for law in laws]
+            styles += [style for style, _ in told]
+            lines += told
         every = getattr(topology, kind)
         for still, length in rigid_items(system, kind):
             styles.append("zero")
@@ -125,6 +124,30 @@ def bonded_of(system: System, pair_force: Any) -> Bonded | None:
     commands.insert(0, f"special_bonds {scaled}")
     most = max((SIZES[kind] for kind in lists), default=2)
     return Bonded(tuple(commands), lists, types, ROOM * (most - 1) * longest)
+
+
+def _as_dihedral(force: Any, law: Any) -> tuple[float | int, ...] | None:
+    """Coefficients of a periodic improper as a dihedral, for phases that LAMMPS' impropers lack."""
+    return LAWS[PeriodicDihedral].coefficients(law) if type(force) is PeriodicImproper else None
+
+
+def _terms(system: System, kind: str) -> Iterator[tuple[Ids, Ids, list[tuple[str, Any]]]]:
+    """Yield, for each force that LAMMPS has among this kind, its items (m, 2 to 4), the law of each (m,), and style and
+    coefficients of the laws."""
+    for force in split(system)[1]:
+        items, laws, which = force.items(system)
+        style, coefficients = LAWS[type(force)].style, [LAWS[type(force)].coefficients(law) for law in laws]
+        own = np.array([each is not None for each in coefficients], bool)
+        if force.kind == "impropers" and kind == "dihedrals":
+            own = ~own
+            style, coefficients = LAWS[PeriodicDihedral].style, [_as_dihedral(force, law) for law in laws]
+        elif force.kind != kind:
+            continue
+        if own.any():
+            place = np.cumsum(own) - 1
+            kept = own[which]
+            told = [(style, each) for each, mine in zip(coefficients, own, strict=True) if mine]
+            yield items[kept], place[which[kept]], told
 
 
 def _listed(every: NDArray[np.int64], rows: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:

@@ -15,7 +15,7 @@ from kickdrift.model.molecules.topology import APART
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-SAME = 1e-9  # between equal shares, relative
+SAME = 1e-7  # between equal shares, relative; files of force fields have eight digits
 WHOLE = (1.0, 1.0, 1.0)
 
 

@@ -10,8 +10,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.systemfile.files import PARAMETERS
-from kickdrift.systemfile.reading import STRUCTURES
+from kickdrift.systemfile.files import PARAMETERS, STRUCTURES
 from kickdrift_validation.fuzzing.lammps_data import CHAIN
 
 PSF = """PSF
