@@ -38,7 +38,7 @@ from kickdrift.systemfile.files import PARAMETERS, STRUCTURES, find, is_shipped,
 from kickdrift.text import counted
 
 TABLES = (".parquet", ".h5")  # suffixes of ensembles' tables
-LAMMPS_INPUTS = (".in", ".lmp")  # suffixes of LAMMPS' inputs, beside names that begin with in.
+LAMMPS_INPUTS = (".in", ".lammps")  # suffixes of LAMMPS' inputs, beside names that begin with in.
 SCHEMA = "system-file.schema.json"  # also the name that shipped files give
 
 
@@ -49,7 +49,7 @@ def export(
         Path,
         argument(
             "OUT",
-            "The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj, data, bin; in.NAME or NAME.lmp is an "
+            "The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj, data, bin; in.NAME or NAME.in is an "
             "input of LAMMPS.",
         ),
     ],
@@ -79,7 +79,7 @@ def export(
             out(str(each))
         return
     if frame is not None or any(value is not None for value in files.values()):
-        raise InputError("--frame and files of force fields are for an input of LAMMPS: in.NAME, NAME.in or NAME.lmp")
+        raise InputError("--frame and files of force fields are for an input of LAMMPS: in.NAME or NAME.in")
     with progress_bar(quiet) as bar:
         done = kd.export(
             file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,

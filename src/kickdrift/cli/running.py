@@ -44,7 +44,7 @@ from kickdrift.integrators.options import COORDINATES
 from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
-from kickdrift.systemfile.files import PARAMETERS, STRUCTURES
+from kickdrift.systemfile.files import PARAMETERS
 from kickdrift.text import shown
 
 WHOLE = ("steps", "interval")
@@ -181,8 +181,6 @@ def run(
     if origin is not None and (Path(system).suffix.lower() in PARAMETERS or Path(origin).suffix):
         files["coordinates"] = options.pop(COORDINATES.name)
     chosen = with_keys(subject_of(system, seed, frame=frame, **files), equilibrate or [])
-    if Path(system).suffix.lower() in STRUCTURES and isinstance(chosen, System) and not chosen.forces:
-        say("warning: no force acts; give --force-field FILE for a .pdb or .cif, or forces in a system file", quiet)
 
     from kickdrift.run.stages import protocol
 

@@ -186,14 +186,15 @@ class Bridged:
     def to_openmm(self) -> Any:
         """OpenMM's objects: a tuple of ``system``, ``topology``, ``positions`` and ``velocities``.
 
-        The inverse of `from_openmm`: ``kd.System.from_openmm(*system.to_openmm())`` has the same energies. The system
-        has OpenMM's standard forces and constraints. Defaults of a run stay behind.
+        The inverse of `from_openmm`: ``kd.System.from_openmm(*system.to_openmm())`` has the same energies, in units
+        gromacs. The system has OpenMM's standard forces, constraints and virtual sites. Defaults of a run stay behind.
 
         Raises
         ------
         InputError
-            For units other than gromacs, forces without a counterpart, truncations other than "cut" and
-            "potential-switch", cutoffs that differ, several Lennard-Jones forces, and scaled pairs in a reaction field.
+            For units other than gromacs, metal and real, forces without a counterpart, truncations other than "cut" and
+            "potential-switch", cutoffs that differ, several Lennard-Jones forces, scaled pairs in a reaction field, and
+            scaled pairs beyond the cutoff, which OpenMM does not cut off.
         """
         return bridge("openmm", "System.to_openmm").parts_of(self)
 

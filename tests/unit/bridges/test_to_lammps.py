@@ -80,10 +80,11 @@ def test_a_switch_becomes_tables(tmp_path):
 def test_a_potential_of_many_bodies_lies_beside(tmp_path, monkeypatch):
     system = kd.load("copper-864")
     written = system.to_lammps(tmp_path)
-    assert [each.name for each in written.files][0] == "in.copper-864"
+    assert written.input.name == "in.copper-864"
     monkeypatch.chdir(tmp_path.parent)
     back = kd.System.from_lammps(written.input)
-    assert back.species == ("Cu",) and back.run.said()["dt"] == system.run.dt
+    assert back.species == ("Cu",)
+    assert back.run.dt == system.run.dt
     same(system, back)
 
 
@@ -197,7 +198,8 @@ def test_files_are_replaced_on_request_alone(tmp_path, kickdrift, monkeypatch):
         system.to_lammps(tmp_path / "in.other", overwrite=True)
     assert not (tmp_path / "in.other").exists()
     (tmp_path / "case.toml").write_text(system.to_toml())
-    status, output, _ = kickdrift("export", "case.toml", "made.lmp")
-    assert status == 0 and output.split() == ["made.lmp", "made.data"]
-    status, _, said = kickdrift("export", "case.toml", "made.lmp", "--start", "2")
-    assert status == 2 and "an input of LAMMPS has one --frame" in said
+    status, output, _ = kickdrift("export", "case.toml", "made.in")
+    assert (status, output.split()) == (0, ["made.in", "made.data"])
+    status, _, said = kickdrift("export", "case.toml", "made.in", "--start", "2")
+    assert status == 2
+    assert "an input of LAMMPS has one --frame" in said

@@ -16,7 +16,7 @@ from typing import NamedTuple
 from kickdrift.disk.files import content
 from kickdrift.errors import InputError
 from kickdrift.forces.external.lammps import REFUSED
-from kickdrift.text import shown
+from kickdrift.text import shown, suggestion
 
 BYTES = 2**24  # most that an input may have
 DEEPEST = 8  # inputs within one another
@@ -83,8 +83,10 @@ def script_of(path: Path, trusted: bool = False) -> Script:
         if word == "read_restart":
             raise InputError(f"{where}: {RESTART}")
         if not trusted and (why := refusal(word, rest)):
-            advice = "in Python trusted=True, on the command line --load FILE, if you trust the input"
-            raise InputError(f"{where}: {word} {why}; {advice}")
+            known = (*SKIPPED, *NOTED, *TOLD, *BUILDING, *LOOPS, *RUNS, *END)
+            near = suggestion(word, known) if word not in known else ""
+            advice = "; in Python trusted=True, on the command line --load FILE, if you trust the input"
+            raise InputError(f"{where}: {word} {why}{near or advice}")
         lines += [] if word in NOTED else [line]
         lines += [_said(line)] if word in TOLD | NOTED else []
     return Script(lines, steps, trusted)

@@ -67,6 +67,10 @@ def _script(path: Path, units: str | None, commands: Sequence[str], trusted: boo
         if units is not None or commands:
             raise InputError("units and commands are for data files; an input has its own")
         script = script_of(whole, trusted)
+        if not script.lines:
+            raise InputError("has no commands that build a system; the file may be cut off")
+        if not any(line.split()[0] == "pair_style" for line in script.lines):
+            raise InputError("has no pair_style before its first run; write 'pair_style none' for a system without one")
         if not any(line.split()[0] == "units" for line in script.lines):
             raise InputError(f"states no units; begin it with units {choices(UNITS)}")
         return script

@@ -20,6 +20,7 @@ from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.checks.values import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
+from kickdrift.model.starts.gro import refuse_cut
 from kickdrift.model.starts.lammps_data import AtomTable, atom_table
 from kickdrift.model.state import Floats
 from kickdrift.model.units.file_units import FileUnits, Scale
@@ -237,6 +238,8 @@ def read_structure(
         raise InputError(NEEDS_ASE) from None
     if path.suffix.lower() in (".xyz", ".extxyz"):
         _check_xyz(path)
+    if path.suffix.lower() == ".gro":
+        refuse_cut(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # ASE warns of keys that are not used here
