@@ -83,7 +83,7 @@ def test_a_file_of_another_program_is_named_whatever_its_ending(folder):
                 kd.load(other)
             (folder / other).rename(folder / name)
             needs = (
-                "give --coordinates FILE to kickdrift run (coordinates in Python); it "
+                "give --coordinates FILE (coordinates in Python and in [particles]); it "
                 if other.endswith(PARAMETERS)
                 else ""
             )

@@ -34,7 +34,7 @@ def main() -> None:
         styles = [
             line.split()[1:2] for line in commands.read_text("utf-8").splitlines() if line.startswith("pair_style")
         ]
-        told, arrays = _state(lmp, answer.with_name("coefficients.data"), styles[-1:] == [["none"]])
+        told, arrays = _state(lmp, answer.with_name("coefficients.data"), not styles or styles[-1] == ["none"])
     except Exception as error:
         text = str(error)
         last = re.search(r"Last input line: (.*)", text)

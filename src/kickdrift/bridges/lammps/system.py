@@ -69,8 +69,6 @@ def _script(path: Path, units: str | None, commands: Sequence[str], trusted: boo
         script = script_of(whole, trusted)
         if not script.lines:
             raise InputError("has no commands that build a system; the file may be cut off")
-        if not any(line.split()[0] == "pair_style" for line in script.lines):
-            raise InputError("has no pair_style before its first run; write 'pair_style none' for a system without one")
         if not any(line.split()[0] == "units" for line in script.lines):
             raise InputError(f"states no units; begin it with units {choices(UNITS)}")
         return script
@@ -119,6 +117,8 @@ def _system(found: Read, script: Script, name: str) -> System:
 
 def _refuse(found: Read) -> None:
     """Refuse what kickdrift lacks: units, atom styles, and left out pairs."""
+    if not found.all("pair_style"):
+        raise InputError("has no pair_style before its first run; write 'pair_style none' for a system without one")
     units, style = found.told["units"], found.told["atom_style"]
     if units not in UNITS:
         raise InputError(f"units {units}: expected {choices(UNITS)}, whose numbers kickdrift shares")
