@@ -660,7 +660,8 @@ def test_other_units_and_sites_go_to_openmm(water):
 def test_scaled_pairs_beyond_a_cutoff_are_refused():
     x = np.array([[0.1, 0.1, 0.1], [0.5, 0.1, 0.1], [0.9, 0.1, 0.1]])
     ours = kd.System(
-        x, masses=12.0, box=[3.0] * 3, units="gromacs", forces=[kd.LennardJones(1.0, 0.3, cutoff=0.7, truncation="cut")],
+        x, masses=12.0, box=[3.0] * 3, units="gromacs",
+        forces=[kd.LennardJones(1.0, 0.3, cutoff=0.7, truncation="cut")],
         topology=kd.Topology([(0, 1), (1, 2)], factors=(0.0, 0.5, 1.0)),
     )  # fmt: skip
     with pytest.raises(kd.InputError, match=r"scaled pair \[0, 2\] is 0.8 nm apart, beyond 0.7 nm, and OpenMM has no"):

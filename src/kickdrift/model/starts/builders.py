@@ -414,7 +414,8 @@ def check_overlaps(system: Subject, near: bool = True) -> None:
     Particles overlap if they are nearer than ``OVERLAP`` times the smallest length in any force's ``shortest()``; if no
     force has such a length, only at the very same place. Distances are between nearest images. Without forces, and if
     all forces have ``may_overlap``, nothing overlaps. Massless particles do not act on each other and may be at one
-    place. Without ``near``, only particles at the very same place are refused; a minimization moves others apart.
+    place, and virtual sites may be near. Without ``near``, only particles at the very same place are refused; a
+    minimization moves others apart.
     """
     if all(getattr(force, "may_overlap", False) for force in system.forces) or len(system) < 2:
         return
@@ -430,11 +431,18 @@ def check_overlaps(system: Subject, near: bool = True) -> None:
     if not lengths or not near:
         return
     limit = OVERLAP * min(lengths)
-    apart = None if system.topology is None else system.topology.scaled.pairs  # their pair force is left out or scaled
+    cored = np.ones(len(system), bool)
+    if system.virtual_sites is not None:
+        cored[system.virtual_sites.particles] = False  # such as a lone pair, a charge that may come near
+    rows, wrapped = np.flatnonzero(cored), wrapped[cored]
+    apart = None
+    if system.topology is not None:  # the pair force of these is left out or scaled
+        pairs = system.topology.scaled.pairs
+        apart = (np.cumsum(cored) - 1)[pairs[cored[pairs].all(axis=1)]]
     found = nearest_pair(wrapped, system.box, limit, apart) if any_nearer(wrapped, system.box, limit) else None
     if found is None:
         return
-    first, second, distance = found
+    first, second, distance = int(rows[found[0]]), int(rows[found[1]]), found[2]
     unit = "" if system.units.reduced else f" {system.units.length}"
     raise InputError(
         f"positions: particles {first} and {second} overlap: distance {distance:.6g}{unit}, "
