@@ -414,12 +414,13 @@ def check_overlaps(system: Subject, near: bool = True) -> None:
     Particles overlap if they are nearer than ``OVERLAP`` times the smallest length in any force's ``shortest()``; if no
     force has such a length, only at the very same place. Distances are between nearest images. Without forces, and if
     all forces have ``may_overlap``, nothing overlaps. Massless particles do not act on each other and may be at one
-    place, and virtual sites may be near. Without ``near``, only particles at the very same place are refused; a
-    minimization moves others apart.
+    place. Virtual sites, and species on which no pair law acts, may be near others. Without ``near``, only particles at
+    the very same place are refused; a minimization moves others apart.
     """
     if all(getattr(force, "may_overlap", False) for force in system.forces) or len(system) < 2:
         return
-    lengths = [length for force in system.forces if (length := getattr(force, "shortest", lambda: None)())]
+    sized = [force for force in system.forces if getattr(force, "shortest", lambda: None)()]
+    lengths = [force.shortest() for force in sized]
     wrapped = np.asarray(system.state.wrapped())
     massless = system.state.masses == 0
     order = np.lexsort((massless, *wrapped.T))  # at one place, massive particles come first
@@ -431,7 +432,8 @@ def check_overlaps(system: Subject, near: bool = True) -> None:
     if not lengths or not near:
         return
     limit = OVERLAP * min(lengths)
-    cored = np.ones(len(system), bool)
+    named = set().union(*(force.cores(system) if hasattr(force, "cores") else system.species for force in sized))
+    cored = np.array([name in named for name in system.species])[system.species_index]
     if system.virtual_sites is not None:
         cored[system.virtual_sites.particles] = False  # such as a lone pair, a charge that may come near
     rows, wrapped = np.flatnonzero(cored), wrapped[cored]
