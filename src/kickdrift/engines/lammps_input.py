@@ -16,8 +16,8 @@ from kickdrift.engines import rigid
 from kickdrift.engines.fields import without
 from kickdrift.engines.forces import beside_charges, coulomb_of, strange
 from kickdrift.engines.lammps import APART, modelled, refused
-from kickdrift.engines.lammps_model import FIXES, Bonded, Model, Space, acting, bonded_commands, bonded_of, data_of
-from kickdrift.engines.special import special_of
+from kickdrift.engines.lammps_model import FIXES, Model, Space, acting, bonded_commands, bonded_of, data_of
+from kickdrift.engines.special import Special, special_of
 from kickdrift.errors import InputError
 from kickdrift.forces import LammpsForce
 from kickdrift.forces.charges.accuracy import TYPICAL
@@ -104,6 +104,8 @@ def _refusal(system: System) -> str | None:
         system = system.under([force for force in system.forces if force is not _own(system)])
         if not _alone(system):
             return "force 'lammps': LAMMPS takes one pair style, and the system has another pair force"
+        if special_of(system, None) != Special():
+            return "force 'lammps': the topology scales pairs, and LAMMPS' own style would; kickdrift's does not"
     if not _alone(system):
         return refused(system) or rigid.refusal(system)
     special = special_of(system, None)
@@ -158,24 +160,25 @@ def _write_data(system: System, model: Model, file: Any) -> Space:
     bonds = np.zeros((0, 2), np.int64) if system.topology is None else system.topology.bonds
     molecules = molecules_of(bonds, len(system))
     images = np.round(system.box.fractional(x - inside)).astype(np.int64) if system.box.periodic else None
-    kinds = np.unique(np.column_stack([model.types, system.species_index]), axis=0)
-    charges = system.charges
-    bonded = model.bonded or Bonded((), {}, {}, 0.0)
     data = data_of(
-        model._replace(bonded=bonded), space.edges, inside, system.state.velocities,
-        heading=f"{LAMMPS_HEADING}: {system.name}, units = {system.units.name}",
-        labels=[system.species[k] for k in kinds[:, 1].tolist()], molecules=molecules + 1,
-        images=None if images is None else flags_of(images, molecules),
-    )._replace(charges=charges)  # fmt: skip
+        model, space.edges, inside, system.state.velocities,
+        heading=f"{LAMMPS_HEADING}: {system.name}, units = {system.units.name}", labels=_labels(system, model),
+        molecules=molecules + 1, images=None if images is None else flags_of(images, molecules),
+    )._replace(charges=system.charges)  # fmt: skip
     file.writelines(data.lines())
     return space
+
+
+def _labels(system: System, model: Model) -> list[str]:
+    """The species of each type."""
+    kinds = np.unique(np.column_stack([model.types, system.species_index]), axis=0)
+    return [system.species[k] for k in kinds[:, 1].tolist()]
 
 
 def _lines(system: System, model: Model, space: Space, data: Path) -> list[str]:
     """The commands of the input."""
     coulomb = coulomb_of(system)
-    kinds = np.unique(np.column_stack([model.types, system.species_index]), axis=0)[:, 1].tolist()
-    labels = [system.species[k] for k in kinds]
+    labels = _labels(system, model)
     plain = len(set(labels)) == len(labels) and all(LABEL.fullmatch(label) for label in labels)
     still = _rigid_types(system, model)
     return [
