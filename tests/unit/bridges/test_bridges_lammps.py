@@ -275,7 +275,6 @@ BAD = {
     "plugin load x.so": "line 2: plugin loads libraries",
     "frobnicate": "line 2: frobnicate is not among the commands.*if you trust the input",
     "pair_stlye lj/cut 2.5": "line 2: pair_stlye is not among the commands.*; did you mean 'pair_style'",
-    "region b block 0 3 0 3 0 3\ncreate_box 1 b\ncreate_atoms 1 single 1 1 1\nmass 1 1.0": "has no pair_style before",
     "include ${file}": "line 2: include names its file by a variable",
     "pair_style ${style} 2.5": "line 2: pair_style names its style by a variable",
     "pair_style 'python' 2.5": "line 2: pair_style names its style by a variable or in quotes",
@@ -290,6 +289,15 @@ def test_what_an_input_may_not_have_is_refused_in_one_line(line, tmp_path):
     with pytest.raises(kd.InputError, match=BAD[line]) as refused:
         kd.load(written(tmp_path, f"units lj\n{line}\natom_style atomic\n"))
     assert "\n" not in str(refused.value)
+
+
+def test_an_input_without_a_pair_style_states_that(tmp_path):
+    text = "\n".join(line for line in LEANING.splitlines() if not line.startswith("pair_"))
+    with pytest.raises(kd.InputError, match="has no pair_style before its first run; write 'pair_style none'"):
+        kd.load(written(tmp_path, text))
+    assert kd.load(written(tmp_path, text.replace("run", "pair_style none\nrun"))).forces == ()
+    with pytest.raises(kd.InputError, match="has no commands that build a system"):
+        kd.load(written(tmp_path, "# nothing\n"))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="such a name is not possible")
