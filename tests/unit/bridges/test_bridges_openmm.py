@@ -639,7 +639,8 @@ def test_a_system_file_has_a_force_field(files, kickdrift):
         (
             '"real"\n    force_field = { cutoff = "9 angstrom"',
             '"lj"\n    force_field = { cutoff = 0.9',
-            "units: a force field has units metal, real, gromacs, got 'lj'",
+            ('"real"', '"lj"', "force_field.cutoff: lj quantities are plain numbers"),
+            ('"real"', '"si"', "units: a force field has units metal, real, gromacs, got 'si'"),
         ),
         (', coordinates = "acid.gro"', "", "particles.file: .*acid.top: give --coordinates FILE"),
         ('file = "acid.top", coordinates = "acid.gro"', "positions = [[0, 0, 0]]", "force_field: goes with particles"),
