@@ -636,11 +636,8 @@ def test_a_system_file_has_a_force_field(files, kickdrift):
         found = [BoundForces(each).measure(0.0, each.state.phase).potential for each in (ours, plain)]
         assert found[0] * 4.184 == pytest.approx(found[1], rel=1e-12)
     for old, new, problem in (
-        (
-            '"real"\n    force_field = { cutoff = "9 angstrom"',
-            '"lj"\n    force_field = { cutoff = 0.9',
-            ('"real"', '"lj"', "force_field.cutoff: lj quantities are plain numbers"),
-            ('"real"', '"si"', "units: a force field has units metal, real, gromacs, got 'si'"),
+        ('"real"', '"lj"', "force_field.cutoff: lj quantities are plain numbers"),
+        ('"real"', '"si"', "units: a force field has units metal, real, gromacs, got 'si'"),
         (', coordinates = "acid.gro"', "", "particles.file: .*acid.top: give --coordinates FILE"),
         ('file = "acid.top", coordinates = "acid.gro"', "positions = [[0, 0, 0]]", "force_field: goes with particles"),
         ('"none"', '"all"', "force_field.rigid: expected 'hydrogen', 'water' or 'none'"),
