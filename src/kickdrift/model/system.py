@@ -412,6 +412,20 @@ class System(Bridged, ShownSystem):
         made: System = turned(self, turn)
         return made
 
+    def in_units(self, units: str) -> System:
+        """Return the same system in other units: metal, real or gromacs, which convert into one another.
+
+        Positions, velocities, masses, box, parameters of forces, constraints and defaults of a run are converted.
+        Coulomb's constant and Boltzmann's are those of the new units, which agree to rounding.
+
+        Raises
+        ------
+        InputError
+            For other units, events, and forces whose numbers are of one unit system, such as a many-body potential.
+        """
+        made: System = SYSTEM_FILES["in_units"](self, units)
+        return made
+
     def to_toml(self) -> str:
         """Text of a system file of this System: ``kd.load`` reads the same bits from the text.
 
