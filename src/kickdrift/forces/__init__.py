@@ -25,6 +25,7 @@ from kickdrift.forces.bonded.shipped import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.bonded.tabulated import TabulatedAngle, TabulatedBond, TabulatedDihedral
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
 from kickdrift.forces.external.lammps import LammpsForce
@@ -49,6 +50,7 @@ from kickdrift.forces.pairs.shipped import (
     Yukawa,
     Zbl,
 )
+from kickdrift.forces.pairs.tabulated import Tabulated
 from kickdrift.forces.seam.named import FORCES, registered
 from kickdrift.forces.tree.force import GravityTree
 
@@ -63,6 +65,7 @@ _ALL: tuple[Any, ...] = (
     GaussianCore,
     SoftPair,
     Zbl,
+    Tabulated,
     Coulomb,
     Gravity,
     GravityTree,
@@ -95,6 +98,9 @@ _ALL: tuple[Any, ...] = (
     OplsDihedral,
     HarmonicImproper,
     PeriodicImproper,
+    TabulatedBond,
+    TabulatedAngle,
+    TabulatedDihedral,
     Cmap,
     ListedPairs,
     HarmonicTrap,
