@@ -36,6 +36,7 @@ COMPILED_IN_SHORT = [
     "mie",
     "soft-pair",
     "weeks-chandler-andersen",
+    "tabulated",
 ]  # powers, waves, choices
 CUTOFF = 2.5
 

@@ -33,12 +33,9 @@ class ListedTables(Tables, BondedForce):
         self.keep_files("types")
         super().__post_init__()
         if self.kind != "bonds":
-            for where, given in [
-                ("", self.given_with({})),
-                *((f": types.{k}", v) for k, v in (self.types or {}).items()),
-            ]:
+            for given in (self.given_with({}), *(self.types or {}).values()):
                 if given.get("length_unit") is not None:
-                    raise InputError(f"{self.name}{where}: length_unit goes with tables of lengths")
+                    raise InputError(f"{self.name}: length_unit goes with tables of lengths")
 
     def __str__(self) -> str:
         return repr(self)

@@ -141,15 +141,13 @@ class Tabulated(Tables, PairForce):
             found, cutoff = law.pair_law(a, b), law.pair_end(a, b).cutoff
             begin = START * cutoff if start is None else start
             if not 0 < begin < cutoff:
-                raise InputError(
-                    f"Tabulated.of: start must lie between 0 and the cutoff {cutoff:g}, got {shown(start)}"
-                )
+                raise InputError(f"Tabulated.of: start must lie between 0 and cutoff {cutoff:g}, got {shown(start)}")
             r = np.linspace(begin, cutoff, count)
             both = np.array([found.law(each * each) for each in r.tolist()], dtype=float)
             return tuple(zip(r.tolist(), both[:, 0].tolist(), (both[:, 1] * r).tolist(), strict=True))
 
         names = sorted({*(law.species or ()), *(name for pair in law.pairs or () for name in pair)})
-        whole = {"cutoff": law.cutoff, "truncation": law.truncation, "switch_start": law.switch_start}
+        whole: dict[str, Any] = {"cutoff": law.cutoff, "truncation": law.truncation, "switch_start": law.switch_start}
         if not names:
             return cls(table=rows("", ""), **whole)
         pairs = {}

@@ -10,7 +10,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from kickdrift.forces.tables.lines import EDGE, LISTED_ROW, PAIR_ROW, SHIFT
+from kickdrift.forces.tables.layout import EDGE, LISTED_ROW, PAIR_ROW, SHIFT
 from kickdrift.jit.compile import as_written
 from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.lanes import value_of

@@ -1,4 +1,4 @@
-"""A smooth curve through the points of a table: piecewise polynomials of degree five, twice continuously differentiable.
+"""A smooth curve through the points of a table: polynomials of degree five, twice continuously differentiable.
 
 At each point the curve has the table's energy. Its slope there is minus the table's force, or else, as the second
 derivative, that of the polynomial through the nearest seven points. So the energy has an error of order six in the

@@ -65,10 +65,7 @@ class Tables:
         for key in keys:
             inner = getattr(self, key)
             if isinstance(inner, Mapping):
-                kept = {
-                    name: self._kept(each, contents) if isinstance(each, Mapping) else each
-                    for name, each in inner.items()
-                }
+                kept = {k: self._kept(v, contents) if isinstance(v, Mapping) else v for k, v in inner.items()}
                 object.__setattr__(self, key, kept)
         digest = hashlib.sha256(b"".join(hashlib.sha256(each).digest() for each in contents.values())).hexdigest()
         if not isinstance(self.digest, str):

@@ -1,6 +1,6 @@
 """Rows of polynomials that compiled code reads, from the curve of a table, and the laws that read them.
 
-Pairs: the cells divide r^2 between powers of two into 512, so the cell follows from the bits of r^2, and its width is a
+Pairs: the cells divide r^2 between powers of two into 1024, so the cell follows from the bits of r^2. Its width is a
 thousandth of r^2 or less at every distance. A row has four numbers, a cubic of the force over r, joined with its slope.
 The energy is the integral of the cubics from the table's end, so the force is exactly its slope, and it is twice
 continuously differentiable. A step of the loop without a sample reads one row a pair.
@@ -21,13 +21,9 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.forces.tables.curve import Curve
+from kickdrift.forces.tables.layout import EDGE, LISTED_ROW, MARK, PAIR_ROW, SHIFT
 from kickdrift.model.state import Floats
 
-CELLS = 1024  # of a power of two
-SHIFT = 52 - 10  # bits of a float64 that do not count for its cell
-MARK = 2.0**52  # plus a whole number: the float's low bits are that number
-PAIR_ROW = 4  # float64 in a row
-LISTED_ROW = 8  # of which six are used
 MOST_CELLS = 1 << 16  # of tables of bonds, angles and dihedrals
 _KEPT: dict[Any, Any] = {}  # laws by their table, and rows by their address
 
@@ -107,9 +103,6 @@ class ListedTable(NamedTuple):
         from kickdrift.forces.tables.code import listed_table
 
         return listed_table
-
-
-EDGE = 1e-6  # of a cell, for places that rounding puts beyond a table's ends
 
 
 def pair_table(curve: Curve) -> PairTable:

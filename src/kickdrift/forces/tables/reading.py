@@ -80,13 +80,13 @@ def checked(where: str, x: Floats, energy: Floats, force: Floats | None, of: str
     if (falls := np.flatnonzero(np.diff(x) <= 0)).size:
         k = int(falls[0])
         raise InputError(
-            f"{where}: {of} must increase from row to row; row {k + 2} has {x[k + 1]:.9g} after {x[k]:.9g}"
+            f"{where}: {of} must increase from row to row; {x[k + 1]:.9g} in row {k + 2} follows {x[k]:.9g}"
         )
     if force is not None and (wrong := wrong_slope(x, energy, force)) is not None:
         k, slope, off = wrong
         raise InputError(
-            f"{where}: the force is not minus the slope of the energy: at {of} = {x[k]:.6g} it is {force[k]:.6g}, and the "
-            f"energies give {slope:.6g}, {100 * off:.3g} % of the largest force there apart"
+            f"{where}: the force is not minus the slope of the energy: at {of} = {x[k]:.6g} it is {force[k]:.6g}, and "
+            f"the energies give {slope:.6g}; they differ by {100 * off:.3g} % of the largest force there"
         )
 
 
@@ -120,8 +120,8 @@ def _number(where: str, word: str) -> float:
 
 
 def _xvg(where: str, lines: Sequence[str], given: Mapping[str, Any]) -> Columns:
-    """GROMACS' table: of pairs with seven columns, r and energy and force of charges, dispersion and repulsion; of bonds,
-    angles and dihedrals with three. GROMACS fills the rows before a table's start with zeros."""
+    """GROMACS' table. Tables of pairs have seven columns: r, and energy and force of charges, dispersion and repulsion;
+    tables of bonds, angles and dihedrals have three. GROMACS fills the rows before a table's start with zeros."""
     rows = [numbers for line in lines if (numbers := _numbers(where, line))]
     if not rows or len(rows[0]) != 7:
         found = _of_rows(where, rows)
@@ -156,7 +156,7 @@ def _section(where: str, lines: Sequence[str], keyword: str | None) -> Columns:
     flags = _flags(where, kept[head + 1].split())
     count = int(flags["N"][0])
     force_columns = 3 if "NOF" in flags else 4
-    rows = []
+    rows: list[list[float]] = []
     for line in kept[head + 2 : head + 2 + count]:
         if TITLES.match(line):
             break
@@ -168,10 +168,10 @@ def _section(where: str, lines: Sequence[str], keyword: str | None) -> Columns:
         raise InputError(f"{where}: its header says {count} rows, and the file ends after {len(rows)}")
     table = np.array(rows).T
     x = table[1]
-    if "R" in flags:
-        x = np.linspace(*flags["R"], count)
-    elif "RSQ" in flags:
-        x = np.sqrt(np.linspace(flags["RSQ"][0] ** 2, flags["RSQ"][1] ** 2, count))
+    if "R" in flags or "RSQ" in flags:
+        power = 1 if "R" in flags else 2
+        first, last = (end**power for end in flags["R" if power == 1 else "RSQ"])
+        x = np.linspace(first, last, count) ** (1.0 / power)
     return Columns(x, table[2], None if force_columns == 3 else table[3], units, "RADIANS" in flags)
 
 
