@@ -52,7 +52,7 @@ class Tables:
     digest: str = ""
 
     name: ClassVar[str]
-    law_keys: ClassVar[tuple[str, ...]] = ("file", "keyword", "table", "length_unit", "energy_unit", "c6", "c12")
+    law_keys: ClassVar[tuple[str, ...]] = ("energy_unit", "file", "keyword", "table", "c6", "c12", "length_unit")
     dimensions: ClassVar[dict[str, str]] = {"length_unit": "length", "energy_unit": "energy"}
 
     def keep_files(self, *keys: str) -> None:
