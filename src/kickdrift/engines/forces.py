@@ -13,6 +13,7 @@ from kickdrift.forces.many_body.entries import potential_file
 from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
 from kickdrift.forces.many_body.tersoff import Tersoff
 from kickdrift.forces.pairs.lennard_jones import LennardJones
+from kickdrift.forces.pairs.tabulated import Tabulated
 from kickdrift.model.system import System
 
 
@@ -103,9 +104,15 @@ def strange(system: System, program: str) -> str | None:
 
 
 def only_lennard_jones(
-    system: System, truncations: Collection[str], takes: str, molecules: bool = False, charges: Collection[str] = ()
+    system: System,
+    truncations: Collection[str],
+    takes: str,
+    molecules: bool = False,
+    charges: Collection[str] = (),
+    tables: bool = False,
 ) -> str | None:
-    """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None.
+    """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None. With
+    ``tables``, one of tables may stand in its place, unless charges stand beside it.
 
     ``takes`` says which forces the program takes. With ``molecules``, bonded forces and exclusions may come beside the
     pair force. ``charges`` are methods of Coulomb's law, which may come beside the pair force or stand alone."""
@@ -118,7 +125,8 @@ def only_lennard_jones(
         forces = [force for force in forces if force is not coulomb]
         if not forces:
             return None
-    if [type(force) for force in forces] != [LennardJones]:
+        tables = False
+    if [type(force) for force in forces] not in ([LennardJones], *([[Tabulated]] if tables else [])):
         names = " and ".join(repr(force.name) for force in system.forces)
         given = f"force{'s' * (len(system.forces) > 1)} {names}" if names else f"{system.name!r} has no force"
         return f"{given}: {takes}"

@@ -25,17 +25,19 @@ from kickdrift.engines.job import Job
 from kickdrift.engines.lammps_world import Ewald, Model, World, bonded_of, fixes
 from kickdrift.engines.lammps_world import refusal as bonded_refusal
 from kickdrift.engines.session import Session, Trouble
-from kickdrift.engines.tables import ERROR, POINTS, switched
+from kickdrift.engines.tables import ERROR, POINTS, table_of
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.charges.radial import ALL_IMAGES
 from kickdrift.forces.charges.waves import waves_of
+from kickdrift.forces.pairs.ends import TRUNCATIONS as ENDS
+from kickdrift.forces.pairs.tabulated import Tabulated
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 TAKES = (
-    "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb "
-    "alone or beside lennard-jones; position restraints and walls"
+    "LAMMPS takes one force of lennard-jones, tabulated, eam, stillinger-weber and tersoff, and bonded forces beside "
+    "it; coulomb alone or beside lennard-jones; position restraints and walls"
 )
 LINEAR, TABLED = "force-shift", "switch"
 TRUNCATIONS = ("cut", "shift", LINEAR, TABLED)
@@ -48,7 +50,9 @@ def refusal(job: Job) -> str | None:
     """See Engine."""
     system = without(job.system, IN_LAMMPS)
     if not many_body(system, molecules=True) and (
-        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=ALL_IMAGES)
+        reason := only_lennard_jones(
+            system, _truncations(system), TAKES, molecules=True, charges=ALL_IMAGES, tables=True
+        )
         or small_units(system)
     ):
         return reason
@@ -66,6 +70,11 @@ def refusal(job: Job) -> str | None:
     return None
 
 
+def _truncations(system: System) -> tuple[str, ...]:
+    """Truncations that LAMMPS has for the System's pair force: all, if it is a table."""
+    return ENDS if type(beside_charges(system)) is Tabulated else TRUNCATIONS
+
+
 def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
     """Species and mass of each kind of particles (kinds, 2), and the kind of each particle (n,)."""
     both = np.column_stack([job.system.species_index, job.system.coherent_masses])
@@ -76,7 +85,10 @@ def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
 def remarks(job: Job) -> list[str]:
     """How LAMMPS' forces differ from those asked for."""
     system = without(job.system, IN_LAMMPS)
-    if truncation_of(beside_charges(system), system) != TABLED:
+    force = beside_charges(system)
+    if type(force) is Tabulated:
+        return [f"LAMMPS takes the force from tables of {POINTS:,} points, joined by cubics"]
+    if truncation_of(force, system) != TABLED:
         return []
     return [
         f"LAMMPS takes truncation {TABLED!r} from tables of {POINTS:,} points, with relative errors up to {ERROR:g}"
@@ -110,16 +122,15 @@ def model_of(job: Job, seed: int) -> Model:
             for i, j in pairs
             for named in [(species[i], species[j])]
         ]
-        truncation = truncation_of(force, system)
+        truncation, tables = truncation_of(force, system), type(force) is Tabulated
+        plain = [] if tables else laws
         given |= {
-            "pairs": tuple((i, j, float(p.epsilon), float(p.sigma), float(end.cutoff)) for i, j, p, end in laws),
+            "pairs": tuple((i, j, float(p.epsilon), float(p.sigma), float(end.cutoff)) for i, j, p, end in plain),
             "shifted": truncation == "shift", "linear": truncation == LINEAR,
             "tail": force.tail, "dimensions": system.dimensions,
         }  # fmt: skip
-        if truncation == TABLED:
-            given["tables"] = tuple(
-                switched(law, (i, j), float(end.switch_start), float(end.cutoff)) for i, j, law, end in laws
-            )
+        if tables or truncation == TABLED:
+            given["tables"] = tuple(table_of(law, (i, j), end) for i, j, law, end in laws)
     walls, held = lammps_fixes(job.system)
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),

@@ -93,14 +93,14 @@ def checked(where: str, x: Floats, energy: Floats, force: Floats | None, of: str
 def _of_rows(where: str, rows: Any) -> Columns:
     if isinstance(rows, str | bytes | Mapping) or not isinstance(rows, Sequence | np.ndarray):
         raise InputError(f"{where}: expected rows of a place, an energy and perhaps a force, got {shown(rows)}")
+    lengths = {len(row) if hasattr(row, "__len__") else 0 for row in rows}
+    if len(lengths) > 1 and 0 not in lengths:
+        k = next(k for k, row in enumerate(rows) if len(row) != len(rows[0]))
+        raise InputError(f"{where}: row {k + 1} has {len(rows[k])} numbers, and row 1 has {len(rows[0])}")
     try:
-        lengths = {len(row) for row in rows}
         found = np.array(rows, dtype=float)
     except (TypeError, ValueError):
         lengths = set()
-    if len(lengths) > 1:
-        k = next(k for k, row in enumerate(rows) if len(row) != len(rows[0]))
-        raise InputError(f"{where}: row {k + 1} has {len(rows[k])} numbers, and row 1 has {len(rows[0])}")
     if not lengths <= {2, 3} or not lengths:
         raise InputError(f"{where}: expected rows of two or three numbers: a place, an energy and perhaps a force")
     return Columns(found[:, 0], found[:, 1], found[:, 2] if lengths == {3} else None)
