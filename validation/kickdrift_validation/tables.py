@@ -1,7 +1,7 @@
 """Tables of energies: a tabulated Lennard-Jones beside the exact one, its virial, and a liquid at constant energy.
 
-The tables have 4000 rows from 0.7 to 2.5 sigma, evenly in r. Errors of forces and energies are over their size, and over
-1 where that is smaller, at 20,000 places between the rows.
+The tables have 4000 rows from 0.7 to 2.5 sigma, evenly in r. Errors of forces and energies are over their size,
+and over 1 where that is smaller, at 20,000 places between the rows.
 """
 
 from typing import Any
@@ -42,23 +42,20 @@ def errors() -> list[Claim]:
     return found
 
 
-def tabled(sim: kd.Simulation, truncation: str) -> kd.Simulation:
-    """The liquid with a table in place of its law."""
-    force = kd.Tabulated.of(kd.LennardJones(cutoff=CUTOFF, truncation=truncation), START, ROWS)
-    return kd.Simulation(sim.system.with_forces(force), integrator="velocity-verlet", dt=DT)
-
-
 def conservation(steps: int) -> list[Claim]:
     """A liquid at constant energy under a table, and its sums beside those of the formula."""
     plain = liquid(1, "switch")
     start = plain.system.at(plain.state.phase, 0.0)
-    law, table = (kd.Simulation(start, integrator="velocity-verlet", dt=DT), tabled(plain, "switch"))
-    table = kd.Simulation(start.with_forces(*table.system.forces), integrator="velocity-verlet", dt=DT)
+    force = kd.Tabulated.of(start.forces[0], START, ROWS)
+    law, table = (
+        kd.Simulation(each, integrator="velocity-verlet", dt=DT) for each in (start, start.with_forces(force))
+    )
     ours, theirs = table.sample(), law.sample()
     rows = [
         at_most(f"{name} of a liquid, relative difference", abs(one / other - 1.0), TOGETHER, EXACT)
         for name, one, other in (
-            ("energy", ours.energies.potential, theirs.energies.potential), ("pressure", ours.pressure, theirs.pressure),
+            ("energy", ours.energies.potential, theirs.energies.potential),
+            ("pressure", ours.pressure, theirs.pressure),
         )
     ]  # fmt: skip
     reports = [each.run(steps, every=max(1, steps // SAMPLES)).energy for each in (law, table)]
