@@ -50,7 +50,9 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "central-potential": {"acceleration": -0.1, "power": -1.0},
     "mass-change": {"rate": -0.1},
     **{key: {"cutoff": 2.0} for key in ("buckingham", "born-mayer-huggins", "morse-pair", "yukawa", "zbl")},
-    "tabulated": {"table": rows(0.3, 3.0, lambda r: 0.04 * r**-6 - r**-3)},
+    "tabulated": {
+        "table": rows(0.001, 3.0, lambda r: 2.0 * np.exp(-1.5 * r * r) - 0.5 * np.exp(-6.0 * (r - 1.2) ** 2))
+    },
     "tabulated-bond": {"table": rows(0.0, 20.0, lambda r: (r - 0.7) ** 2 + 0.1 * np.sin(r))},
     "tabulated-angle": {"table": rows(0.0, 180.0, lambda angle: np.cos(np.radians(2.0 * angle + 30.0)))},
     "tabulated-dihedral": {"table": rows(-180.0, 180.0, lambda angle: np.cos(np.radians(3.0 * angle + 30.0)))},
