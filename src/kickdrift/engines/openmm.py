@@ -26,7 +26,7 @@ from kickdrift.engines.forces import (
     LAWS,
     beside_charges,
     coulomb_of,
-    only_lennard_jones,
+    one_pair_law,
     small_units,
     split,
     strange,
@@ -36,7 +36,7 @@ from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.engines.tables import POINTS
 from kickdrift.errors import InputError
-from kickdrift.forces import Coulomb, Gravity
+from kickdrift.forces import Coulomb, Gravity, LennardJones
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.forces.pairs.tabulated import Tabulated
@@ -76,8 +76,9 @@ def refusal(job: Job) -> str | None:
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
     if [type(force) for force in system.forces] == [Gravity] and system.topology is None:
         return None
-    reason = only_lennard_jones(
-        system, TRUNCATIONS, TAKES, molecules=True, charges=openmm_charges.METHODS, tables=True
+    laws = (LennardJones, Tabulated)
+    reason = one_pair_law(
+        system, TRUNCATIONS, TAKES, molecules=True, charges=openmm_charges.METHODS, laws=laws
     ) or small_units(system)
     if reason:
         return reason
@@ -85,6 +86,8 @@ def refusal(job: Job) -> str | None:
         return reason
     if getattr(beside_charges(system), "tail", False):
         return "tail: OpenMM has no tail correction for this kind of force"
+    if _tabled(system) and coulomb_of(system) is not None:
+        return "force 'tabulated': OpenMM gets no tables beside charges"
     if _tabled(system) and system.topology is not None and (system.topology.scaled.factors > 0).any():
         return "topology: scaled pairs of tables are not possible; pairs may be left out"
     return None
@@ -188,20 +191,18 @@ def _lennard_jones(system: System, force: Any) -> Any:
     import openmm
 
     laws, ends = _of_pairs(system, force.pair_law), _of_pairs(system, force.pair_end)
-    energy = TRUNCATIONS[truncation_of(force, system)]
+    energy, different = TRUNCATIONS[truncation_of(force, system)], []
     if type(force) is Tabulated:
         at_end = [law.law(end.cutoff**2) for law, end in zip(laws, ends, strict=True)]
-        tables = {"lasts": [each[0] for each in at_end]}
-        tables["slopes"] = [-each[1] * end.cutoff for each, end in zip(at_end, ends, strict=True)]
         different = list(dict.fromkeys(laws))
-        tables["numbers"] = [different.index(law) for law in laws]
-        energy = (
-            energy.split("; slope=")[0]
-            + "; last=lasts(kind1,kind2); slope=slopes(kind1,kind2); U="
-            + "+".join(f"delta(numbers(kind1,kind2)-{k})*law{k}(s*r)" for k in range(len(different)))
-        )
+        tables = {
+            "lasts": [each[0] for each in at_end],
+            "slopes": [-each[1] * end.cutoff for each, end in zip(at_end, ends, strict=True)],
+            "numbers": [different.index(law) for law in laws],
+        }
+        energy = energy.split("; slope=")[0] + "; last=lasts(kind1,kind2); slope=slopes(kind1,kind2); U="
+        energy += "+".join(f"delta(numbers(kind1,kind2)-{k})*law{k}(s*r)" for k in range(len(different)))
     else:
-        different = []
         energy += LENNARD_JONES + MIXTURE
         tables = {key: [getattr(law, key) for law in laws] for key in ("epsilon", "sigma")}
     if len(set(ends)) > 1:

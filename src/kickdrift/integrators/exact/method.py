@@ -52,7 +52,9 @@ class Exact(Method):
             if not isinstance(force, (PairForce, Gravity)):
                 raise InputError(f"{self.name}: takes only pair forces and gravity; force {force.name!r} is neither")
             if isinstance(force, Tabulated):
-                raise InputError(f"{self.name}: takes only pair forces with a formula; force {force.name!r} is a table")
+                raise InputError(
+                    f"{self.name}: takes only pair forces and gravity with a formula; force {force.name!r} is a table"
+                )
         from kickdrift.integrators.exact.stepper import ExactStepper
 
         return ExactStepper(flow, options)
