@@ -62,12 +62,13 @@ class PairForce(ListedForce, Grouped):
     mixing: str = "lorentz-berthelot"
 
     Parameters: ClassVar[Any]  # the law's NamedTuple class
+    law_keys: ClassVar[tuple[str, ...]]  # what a table of ``species`` or ``pairs`` may say of the law
     name: ClassVar[str]
     on_sites: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]]
 
     def __post_init__(self) -> None:
-        for key in (*self.Parameters._fields, "cutoff", "switch_start"):
+        for key in (*self.law_keys, "cutoff", "switch_start"):
             if isinstance(value := getattr(self, key), np.generic | np.ndarray) and np.ndim(value) == 0:
                 object.__setattr__(self, key, value.item())  # a float32 would limit the precision of the law
         if self.mixing != "lorentz-berthelot":
@@ -99,9 +100,12 @@ class PairForce(ListedForce, Grouped):
                 raise InputError(
                     f'{self.name}: tail = true completes truncation {either(WITH_TAIL)}, not "{own.truncation}"{at}'
                 )
-            law = self._filled(where, given)
-            check_law(f"{self.name}{where}", law, own.cutoff)
-            check_slope(f"{self.name}{where}", law, own.cutoff)
+            self._check_given(where, self._filled(where, given), own)
+
+    def _check_given(self, where: str, law: Any, end: End) -> None:
+        """Refuse a law that has no value at its cutoff, or whose force is not the slope of its energy."""
+        check_law(f"{self.name}{where}", law, end.cutoff)
+        check_slope(f"{self.name}{where}", law, end.cutoff)
 
     def __str__(self) -> str:
         return brief(self, "species")
@@ -129,6 +133,10 @@ class PairForce(ListedForce, Grouped):
         """Parameters of the law for one species."""
         return self.Parameters(*(getattr(self, key) for key in self.Parameters._fields))
 
+    def law_with(self, where: str, values: Mapping[str, Any]) -> Any:
+        """Parameters of the law with these values in place of the force's own; ``where`` says whose they are."""
+        return self.law._replace(**values)
+
     def _check_tables(self) -> None:
         """Refuse ``species`` and ``pairs`` that are not tables of tables."""
         for key, given in (("species", self.species), ("pairs", self.pairs)):
@@ -154,13 +162,13 @@ class PairForce(ListedForce, Grouped):
         return [(where, self._filled(where, given)) for where, given in self._tables_given()]
 
     def _filled(self, where: str, values: Mapping[str, Any]) -> Any:
-        known = (*self.Parameters._fields, *End._fields)
+        known = (*self.law_keys, *End._fields)
         if unknown := set(values) - set(known):
             raise InputError(
                 f"{self.name}: {where.removeprefix(' of ')}: unknown parameter {shown(min(map(str, unknown)))}; "
                 f"expected {', '.join(known)}"
             )
-        return self.law._replace(**{key: value for key, value in values.items() if key not in End._fields})
+        return self.law_with(where, {key: value for key, value in values.items() if key not in End._fields})
 
     def _largest_cutoff(self) -> float:
         """The largest of the cutoffs that species and pairs have, and of the reaches of the others' laws: 2.5 sigma,
