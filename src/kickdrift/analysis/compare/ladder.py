@@ -26,6 +26,7 @@ COARSEST = 1 / 32  # part of these evaluations, at the bottom of a ladder of ste
 RUNGS = 16  # most runs in a ladder
 RTOLS = tuple(10.0**-k for k in range(2, 14))
 BELIEVED = 3.0  # smallest ratio of a believed error to the reference's own error
+PARTS = 4  # steps of a reference of fixed steps in the step whose error it measures
 LOCAL_POINTS = 4  # points of a Problem; particles use the start alone; stiff problems, which show no order, use none
 USELESS = 1.0  # relative error of a run that missed the solution
 
@@ -52,13 +53,10 @@ class LocalErrors:
             self._scale = plan.scale
         else:
             self._scale = reference.natural_scale(subject, vector(start)[None])
-        self._reference = Simulation(
-            subject,
-            name,
-            threads=threads,
-            precision="double",
-            **reference.tolerances(subject, start, reference.TIGHT[name][0][0], name),
-        )
+        self._name = name
+        if name != reference.HELD:
+            tight = reference.tolerances(subject, start, reference.TIGHT[name][0][0], name)
+            self._reference = Simulation(subject, name, threads=threads, precision="double", **tight)
 
     def of(self, which: str | Integrator, step: float) -> float | None:
         """Error after one step of that length. None if the step blows up, without points, and for methods whose first
@@ -70,6 +68,10 @@ class LocalErrors:
         try:
             with np.errstate(all="ignore"):
                 sim = Simulation(self.subject, which, dt=step, threads=self.threads, precision="double", **given)
+                if self._name == reference.HELD:  # its steps divide this one
+                    self._reference = Simulation(
+                        self.subject, self._name, dt=step / PARTS, threads=self.threads, precision="double"
+                    )
                 errors = [self._one(sim, start) for start in self.starts]
         except (RunError, ArithmeticError, InputError):
             return None
