@@ -27,7 +27,7 @@ COARSEST = 1 / 32  # part of these evaluations, at the bottom of a ladder of ste
 RUNGS = 16  # most runs in a ladder
 RTOLS = tuple(10.0**-k for k in range(2, 14))
 BELIEVED = 3.0  # smallest ratio of a believed error to the reference's own error
-OF_LOCAL = 0.25  # part of a method's time for errors of one step; beyond a force's cutoff tight runs take tiny steps
+LOCAL_SECONDS = 3.0  # most time for a method's errors of one step; where forces jump, tight runs take tiny steps
 PARTS = 4  # steps of a reference of fixed steps in the step whose error it measures
 LOCAL_POINTS = 4  # points of a Problem; particles use the start alone; stiff problems, which show no order, use none
 USELESS = 1.0  # relative error of a run that missed the solution
@@ -186,7 +186,7 @@ class Bench:
         method = which.method
         rows: list[Row] = []
         left, seconds, below = self.share, 0.0, 0
-        self._local.begin(OF_LOCAL * self.share)
+        self._local.begin(LOCAL_SECONDS)
         warm_up(self.subject, self.start, which, 1e-3 * self.length / max(self.evaluations, 1.0), self.threads)
         for rung, knob in enumerate(self._knobs(method)):
             if seconds > left or below == 2:
