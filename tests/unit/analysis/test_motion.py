@@ -260,3 +260,13 @@ def test_a_window_that_is_none(start, stop):
         found.diffusion(start, stop)
     with pytest.raises(InputError, match="until"):
         velocity_autocorrelation(walk(frames=40, n=3), np.arange(40.0)).diffusion(0.1)
+
+
+def test_a_diffusion_without_an_error_says_where_errors_end():
+    x = np.cumsum(np.random.default_rng(1).normal(size=(400, 20, 3)), axis=0)
+    found = kd.analysis.mean_squared_displacement(x, np.arange(400.0))
+    d = found.diffusion(10.0, 99.0)
+    known = np.flatnonzero(np.isfinite(found.error))[-1]
+    assert (d.error, d.known_to) == (np.inf, found.times[known])
+    assert str(d).endswith(f"the run is too short for times up to 99; errors end at {known}")
+    assert "errors end" not in str(found.diffusion(1.0, 5.0))
