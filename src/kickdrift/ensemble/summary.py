@@ -33,7 +33,7 @@ def measured(table: DataFrame) -> list[str]:
         *table.attrs[PROVENANCE]["grids"],
         *drawn(table),
     }
-    given |= set(ERRORS.values())
+    given |= {error for name, error in ERRORS.items() if name in table and error not in _own(table)}
     numbers = [name for name in table.columns if name not in given and table[name].dtype.kind in "if"]
     return [name for name in numbers if np.isfinite(table[name]).any()]
 
@@ -49,9 +49,13 @@ def chosen(table: DataFrame, column: str | None = None) -> str:
         return column
     if not known:
         raise InputError("no member has a measured number")
+    return next((name for name in (*_own(table), *_FIRST) if name in known), known[0])
+
+
+def _own(table: DataFrame) -> list[str]:
+    """Columns of a user's function."""
     columns = list(table.columns)
-    own = columns[columns.index(LAST_OF_RUN) + 1 :] if LAST_OF_RUN in columns else []
-    return next((name for name in (*own, *_FIRST) if name in known), known[0])
+    return columns[columns.index(LAST_OF_RUN) + 1 :] if LAST_OF_RUN in columns else []
 
 
 def scanned(table: DataFrame) -> list[str]:

@@ -18,9 +18,9 @@ def written(path, frames, topology, box=EDGE):
     """File of a run with these positions (frames, n, 3)."""
     n = frames.shape[1]
     system = kd.System(frames[0], box=[box] * 3, forces=[kd.HarmonicBond(30.0, 1.0)], topology=topology)
-    with Writer(path, system, "velocity-verlet", 0.1) as file:
+    with Writer(path, system, method={"integrator": "none"}, every=1) as file:
         for k, x in enumerate(frames):
-            file.append(State(np.stack([x.T, np.zeros((3, n))]), np.ones(n), np.arange(n), system.box, 0.1 * k, k))
+            file.append(State(np.stack([x.T, np.zeros((3, n))]), np.ones(n), np.arange(n), system.box, 0.1 * k, k), {})
     return path
 
 

@@ -131,7 +131,7 @@ def test_diffusion_as_text_has_a_familiar_unit_or_says_that_its_error_is_unknown
     )
     long, short = found.diffusion(60, 79), Diffusion(0.25, 0.01, (1.0, 9.0), "angstrom^2/ps")
     assert str(short) == "0.250 ± 0.010 angstrom^2/ps = 2.5e-05 ± 1.0e-06 cm^2/s"
-    assert str(long).endswith("error unknown: the run is too short for times up to 79")
+    assert str(long).endswith("error unknown: the run is too short for times up to 79; errors end at 54")
 
 
 def test_diffusion_of_langevin_velocities_by_green_and_kubo():
