@@ -85,6 +85,7 @@ def pair_laws_table() -> str:
     from kickdrift.forces.pairs.law import PairForce
 
     laws = [cls for cls in map(forces.__dict__.get, forces.__all__) if issubclass(cls, PairForce)]
+    laws = [cls for cls in laws if cls.Parameters._field_defaults]  # tables have numbers instead
     rows = [[f"`{cls.name}`", energy_of(cls), parameters_of(cls), f"`{cls.__name__}`", reach_of(cls)] for cls in laws]
     return table(["`type`", "energy", "parameters and their defaults", "Python: `kd.`", "default cutoff"], rows)
 

@@ -17,11 +17,31 @@ def pull(positions: np.ndarray, velocities: np.ndarray, time: float, box: Any) -
     return -0.1 * positions, 0.05 * float(np.sum(positions**2)), 0.0
 
 
+def steady(t: float, y: Any, bodies: Any) -> Any:
+    """A stiffness that stays."""
+    return 0.0 * y
+
+
+def stiffen(t: float, y: Any, bodies: Any, a: Any) -> float:
+    """A harmonic trap whose stiffness is an unknown; returns the energy."""
+    energy = 0.0
+    for i in range(bodies.m.size):
+        for k in range(3):
+            a[k, i] -= y[0] * bodies.x[k, i]
+            energy += 0.5 * y[0] * bodies.m[i] * bodies.x[k, i] ** 2
+    return energy
+
+
 def ases_lennard_jones(**given: float) -> Any:
     """ASE's calculator, imported where it is made: ASE is no part of kickdrift."""
     from ase.calculators.lj import LennardJones
 
     return LennardJones(**given)
+
+
+def rows(first: float, last: float, energy: Any) -> list[list[float]]:
+    """A table of 241 energies."""
+    return [[x, float(energy(x))] for x in np.linspace(first, last, 241).tolist()]
 
 
 # What a force needs to be told. A number that stands neither here nor among the class's defaults is 0.1.
@@ -38,6 +58,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "j2": {"j2": 0.1, "radius": 0.1},
     "tides": {"radius": 0.2, "tau": 0.01, "rotation": "none"},
     "tides-spin": {"radius": 0.2, "inertia": 0.3, "spin": (0.3, 0.0, 1.0), "tau": 0.01},
+    "beside": {"f": steady, "y0": (0.1,), "names": ("stiffness",), "acts": stiffen},
     "radiation-pressure": {"c": 30.0},
     "non-gravitational": {"a2": 0.01, "scale": 1.0},
     "migration": {"tau_a": 100.0, "tau_e": 10.0, "tau_i": 10.0, "edge": 0.5},
@@ -45,6 +66,12 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "central-potential": {"acceleration": -0.1, "power": -1.0},
     "mass-change": {"rate": -0.1},
     **{key: {"cutoff": 2.0} for key in ("buckingham", "born-mayer-huggins", "morse-pair", "yukawa", "zbl")},
+    "tabulated": {
+        "table": rows(0.001, 3.0, lambda r: 2.0 * np.exp(-1.5 * r * r) - 0.5 * np.exp(-6.0 * (r - 1.2) ** 2))
+    },
+    "tabulated-bond": {"table": rows(0.0, 20.0, lambda r: (r - 0.7) ** 2 + 0.1 * np.sin(r))},
+    "tabulated-angle": {"table": rows(0.0, 180.0, lambda angle: np.cos(np.radians(2.0 * angle + 30.0)))},
+    "tabulated-dihedral": {"table": rows(-180.0, 180.0, lambda angle: np.cos(np.radians(3.0 * angle + 30.0)))},
     "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
     "harmonic-bond": {"stiffness": 2.0, "length": 0.7},
     "fene": {"length": 20.0},

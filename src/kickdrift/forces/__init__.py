@@ -11,6 +11,7 @@ from kickdrift.forces.around.radiation import NonGravitational, RadiationPressur
 from kickdrift.forces.around.relativity import EinsteinInfeldHoffmann, LenseThirring, PostNewtonian, RadiationReaction
 from kickdrift.forces.around.spins import TidesSpin
 from kickdrift.forces.around.tides import Tides
+from kickdrift.forces.beside.unknowns import Beside
 from kickdrift.forces.bonded.cmap import Cmap
 from kickdrift.forces.bonded.own_pairs import ListedPairs
 from kickdrift.forces.bonded.shipped import (
@@ -25,6 +26,7 @@ from kickdrift.forces.bonded.shipped import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.bonded.tabulated import TabulatedAngle, TabulatedBond, TabulatedDihedral
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
 from kickdrift.forces.external.lammps import LammpsForce
@@ -49,6 +51,7 @@ from kickdrift.forces.pairs.shipped import (
     Yukawa,
     Zbl,
 )
+from kickdrift.forces.pairs.tabulated import Tabulated
 from kickdrift.forces.seam.named import FORCES, registered
 from kickdrift.forces.tree.force import GravityTree
 
@@ -63,6 +66,7 @@ _ALL: tuple[Any, ...] = (
     GaussianCore,
     SoftPair,
     Zbl,
+    Tabulated,
     Coulomb,
     Gravity,
     GravityTree,
@@ -77,6 +81,7 @@ _ALL: tuple[Any, ...] = (
     Oblateness,
     Tides,
     TidesSpin,
+    Beside,
     RadiationPressure,
     NonGravitational,
     Migration,
@@ -95,6 +100,9 @@ _ALL: tuple[Any, ...] = (
     OplsDihedral,
     HarmonicImproper,
     PeriodicImproper,
+    TabulatedBond,
+    TabulatedAngle,
+    TabulatedDihedral,
     Cmap,
     ListedPairs,
     HarmonicTrap,

@@ -52,7 +52,7 @@ FORMS = {
 
 
 @checked_arguments
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Tersoff(TabledForce):
     """Tersoff's potential: bonds that weaken with the number and the angles of other bonds; silicon by default.
 
@@ -94,6 +94,7 @@ class Tersoff(TabledForce):
     dimensions: ClassVar[dict[str, str]] = {}
     forms: ClassVar[Mapping[str, tuple[str, ...]]] = FORMS
     default: ClassVar[Mapping[str, Any]] = {"Si-Si-Si": SiliconOf1988()._asdict()}
+    default_name: ClassVar[str] = "silicon of Tersoff 1988, doi:10.1103/PhysRevB.37.6991, called Si(B) or T2"
 
     def __post_init__(self) -> None:
         self._settle()

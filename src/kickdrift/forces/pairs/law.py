@@ -62,12 +62,13 @@ class PairForce(ListedForce, Grouped):
     mixing: str = "lorentz-berthelot"
 
     Parameters: ClassVar[Any]  # the law's NamedTuple class
+    law_keys: ClassVar[tuple[str, ...]]  # what a table of ``species`` or ``pairs`` may say of the law
     name: ClassVar[str]
     on_sites: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]]
 
     def __post_init__(self) -> None:
-        for key in (*self.Parameters._fields, "cutoff", "switch_start"):
+        for key in (*self.law_keys, "cutoff", "switch_start"):
             if isinstance(value := getattr(self, key), np.generic | np.ndarray) and np.ndim(value) == 0:
                 object.__setattr__(self, key, value.item())  # a float32 would limit the precision of the law
         if self.mixing != "lorentz-berthelot":
@@ -101,9 +102,12 @@ class PairForce(ListedForce, Grouped):
                 raise InputError(
                     f'{self.name}: tail = true completes truncation {either(WITH_TAIL)}, not "{own.truncation}"{at}'
                 )
-            law = self._filled(where, given)
-            check_law(f"{self.name}{where}", law, own.cutoff)
-            check_slope(f"{self.name}{where}", law, own.cutoff)
+            self._check_given(where, self._filled(where, given), own)
+
+    def _check_given(self, where: str, law: Any, end: End) -> None:
+        """Refuse a law that has no value at its cutoff, or whose force is not the slope of its energy."""
+        check_law(f"{self.name}{where}", law, end.cutoff)
+        check_slope(f"{self.name}{where}", law, end.cutoff)
 
     def __str__(self) -> str:
         return brief(self, "species")
@@ -122,6 +126,10 @@ class PairForce(ListedForce, Grouped):
                 found[a, b] = f"pairs {a}-{b}"
         return found
 
+    def cores(self, system: Subject) -> set[str]:
+        """Species on which the law acts at all; others, such as hydrogen of water, may come near any particle."""
+        return {name for pair in self.acting_on(system) or () for name in pair}
+
     @property
     def law(self) -> Any:
         """Parameters of the law for one species."""
@@ -129,8 +137,8 @@ class PairForce(ListedForce, Grouped):
 
     @property
     def _is_default(self) -> bool:
-        """Whether all parameters have their defaults."""
-        return bool(self.law._asdict() == self.Parameters._field_defaults)
+        """Whether the force has parameters of its own for all pairs, and all of them are the defaults."""
+        return not self._tables_given()[0][0] and bool(self.law._asdict() == self.Parameters._field_defaults)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -151,6 +159,10 @@ class PairForce(ListedForce, Grouped):
             return []
         every = combinations_with_replacement(system.species, 2)
         return [f"{a}-{b}" for a, b in every if self._given(a, b) is None]
+
+    def law_with(self, where: str, values: Mapping[str, Any]) -> Any:
+        """Parameters of the law with these values in place of the force's own; ``where`` says whose they are."""
+        return self.law._replace(**values)
 
     def _check_tables(self) -> None:
         """Refuse ``species`` and ``pairs`` that are not tables of tables."""
@@ -177,23 +189,23 @@ class PairForce(ListedForce, Grouped):
         return [(where, self._filled(where, given)) for where, given in self._tables_given()]
 
     def _filled(self, where: str, values: Mapping[str, Any]) -> Any:
-        known = (*self.Parameters._fields, *End._fields)
+        known = (*self.law_keys, *End._fields)
         if unknown := set(values) - set(known):
             raise InputError(
                 f"{self.name}: {where.removeprefix(' of ')}: unknown parameter {shown(min(map(str, unknown)))}; "
                 f"expected {', '.join(known)}"
             )
-        return self.law._replace(**{key: value for key, value in values.items() if key not in End._fields})
+        return self.law_with(where, {key: value for key, value in values.items() if key not in End._fields})
 
     def _largest_cutoff(self) -> float:
         """The largest of the cutoffs that species and pairs have, and of the reaches of the others' laws: 2.5 sigma,
         unless the law says another. The force's own default parameters do not count where all named pairs have
         cutoffs."""
         found, tables = [], self._tables_given()
-        if not self.species and self.pairs and self._is_default and all("cutoff" in each for _, each in tables[1:]):
-            tables = tables[1:]
-        elif not self.species:
-            tables = [*tables[1:], tables[0]]  # a pair without a cutoff is named first
+        if not tables[0][0] and self.pairs:
+            own, *tables = tables
+            if not (self._is_default and all("cutoff" in each for _, each in tables)):
+                tables.append(own)  # last, so that a pair without a cutoff is named first
         for where, given in tables:
             law = self._filled(where, given)
             reach = getattr(law, "reach", DEFAULT_CUTOFF * getattr(law, "sigma", 0.0))

@@ -191,9 +191,11 @@ def _pairs_left_out(force: PairForce, system: System) -> str:
 
 def unused_warnings(system: Any) -> list[str]:
     """Return warnings of factors that a System gives without a pair force, and of pairs of species whose parameters
-    nobody gave."""
+    nobody gave, and of particles without any force."""
     if not isinstance(system, System):
         return []
+    if not system.forces and len(system) > 1:
+        return ["no force acts; give force_field (--force-field) for a .pdb or .cif, or forces in a system file"]
     pairs = [force for force in system.forces if isinstance(force, PairForce)]
     found = [told for force in pairs if (told := _pairs_left_out(force, system))]
     topology = system.topology
