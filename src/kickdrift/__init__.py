@@ -149,6 +149,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Beside",
     "Body",
     "BornMayerHuggins",
     "Box",

@@ -117,6 +117,7 @@ class System(Bridged, ShownSystem):
     constraints: Constraints | None = None
     virtual_sites: VirtualSites | None = None
     stages: tuple[Stage, ...] = ()
+    ephemerides: tuple[str, ...] = ()  # what JPL was asked for the start: body, date, plane and origin
 
     def __init__(
         self,

@@ -275,6 +275,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             temperature = table.velocities.temperature
             made = system(drawn_velocities(made, temperature, seed))
     check_overlaps(made, near=not overlaps)
+    object.__setattr__(made, "ephemerides", start.ephemerides)
     return made if not table.event else made.watched(events_of(made, table.event))
 
 
@@ -317,7 +318,7 @@ def _start(
             if table.velocities is not None:
                 raise InputError("elements and plummer already set velocities; expected no [velocities]")
             return (
-                on_orbits(particles, gravity, seed)
+                on_orbits(particles, gravity, seed, units=units, folder=folder)
                 if isinstance(particles, ElementsTable)
                 else cluster(particles, units, seed)
             )

@@ -177,7 +177,8 @@ def _tangent(system: Subject, drawn: Floats, temperature: float) -> Floats:
 class Structure(NamedTuple):
     """Particles of an initial state. ``masses`` and ``charges`` are one number or one for each. Edges (three
     lengths or a matrix), velocities and charges are None if unknown, ``seed`` if nothing was drawn. With
-    ``barycentric``, the particles must still be moved to their centre of mass."""
+    ``barycentric``, the particles must still be moved to their centre of mass. ``ephemerides`` say what
+    JPL was asked."""
 
     positions: Floats
     masses: Any
@@ -190,6 +191,7 @@ class Structure(NamedTuple):
     charges: Any = None
     seed: int | None = None
     barycentric: bool = False
+    ephemerides: tuple[str, ...] = ()
 
 
 NEEDS_ASE = "reading structure files needs ASE: pip install 'kickdrift[ase]'"
