@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.compare.engine_forces import EngineComparison, EngineForces, compare_engines
     from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
     from kickdrift.analysis.crystals.elastic import ElasticConstants, elastic_constants
+    from kickdrift.analysis.observables.chains import ChainStatistics, chain_diffusion, chain_statistics
     from kickdrift.analysis.observables.dielectric import Dielectric, dielectric_constant
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.observables.pressure import pressure_tensor
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
+    "ChainStatistics": "kickdrift.analysis.observables.chains",
     "Dielectric": "kickdrift.analysis.observables.dielectric",
     "Diffusion": "kickdrift.analysis.observables.motion",
     "ElasticConstants": "kickdrift.analysis.crystals.elastic",
@@ -44,6 +46,8 @@ _HOMES = {
     "Section": "kickdrift.analysis.orbits.section",
     "Spectrum": "kickdrift.statistics.quasi_periodic",
     "block_average": "kickdrift.statistics.blocks",
+    "chain_diffusion": "kickdrift.analysis.observables.chains",
+    "chain_statistics": "kickdrift.analysis.observables.chains",
     "compare_engines": "kickdrift.analysis.compare.engine_forces",
     "dielectric_constant": "kickdrift.analysis.observables.dielectric",
     "elastic_constants": "kickdrift.analysis.crystals.elastic",
@@ -64,6 +68,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "ChainStatistics",
     "Dielectric",
     "Diffusion",
     "ElasticConstants",
@@ -79,6 +84,8 @@ __all__ = [
     "Section",
     "Spectrum",
     "block_average",
+    "chain_diffusion",
+    "chain_statistics",
     "compare_engines",
     "dielectric_constant",
     "elastic_constants",

@@ -14,7 +14,7 @@ import typer
 import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_table, progress_bar, say
 from kickdrift.cli.files import TABLES, is_problem
-from kickdrift.cli.options import Overwrite, Quiet, argument, option, whole, with_options
+from kickdrift.cli.options import Overwrite, Quiet, argument, is_run, option, whole, with_options
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import integrator
 from kickdrift.model.problem import Problem
@@ -54,6 +54,9 @@ def plot(
     column: Annotated[
         str | None, option("NAME", "Column of a run, or of an ensemble's table (default: the most informative).")
     ] = None,
+    csv: Annotated[
+        Path | None, option("FILE.csv", "Also write the numbers that the figure of a run's .h5md draws.")
+    ] = None,
     integrator: Annotated[
         list[str] | None, option("NAME", "Run an ODE's system file with this method and draw it; repeat for several.")
     ] = None,
@@ -66,6 +69,8 @@ def plot(
     and radial distribution function; or one observable with error bars; or one column against time. The run of an ODE
     gives y against time, the phase portrait and the energy error. The name of an ODE's system file gives these of
     several methods side by side. An ensemble gives a map, a curve, points or a histogram."""
+    if csv and not (file and is_run(str(file))):
+        raise InputError("--csv is for a run's .h5md; tables have their numbers already")
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
     if file and _is_system(file):
@@ -107,7 +112,7 @@ def plot(
 
         target = output or file.with_suffix(".png")
         with busy(f"drawing {file}", quiet):
-            drawn = plot_file(file, target, kind and str(kind), column, overwrite=overwrite)
+            drawn = plot_file(file, target, kind and str(kind), column, numbers=csv, overwrite=overwrite)
         out(str(drawn))
         if not kind and not column:
             name_columns(file)

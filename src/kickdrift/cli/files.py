@@ -234,8 +234,8 @@ def new(
     """Write a commented system file to start from. No file is replaced."""
     from kickdrift.systemfile.json_schema import json_schema_text
 
-    text = kd.template(kind, model)
     target = Path(f"{kind}.toml") if output is None else output
+    text = kd.template(kind, model).replace(f" {kind}.toml", f" {target}")
     if os.path.lexists(target):
         raise InputError(
             f"{shown_path(target)}: exists already, and new replaces no file; give another name by --output"

@@ -492,3 +492,11 @@ def test_a_header_that_its_file_cannot_fulfil_and_a_density_of_nan_are_refused(t
         (tmp_path / "a.eam.he").write_text("\n".join([*lines[:4], header, *lines[5:]]))
         with pytest.raises(InputError, match=message):
             kd.EmbeddedAtom(file)
+
+
+def test_a_default_set_is_named():
+    assert str(kd.Tersoff()).startswith("Tersoff(silicon of Tersoff 1988")
+    assert "Si(B) or T2" in str(kd.Tersoff())
+    assert "Stillinger & Weber 1985" in str(kd.StillingerWeber())
+    entries = {"Si-Si-Si": {**kd.Tersoff().table["Si-Si-Si"], "D": 0.1}}
+    assert str(kd.Tersoff(entries)).startswith("Tersoff(entries={'Si-Si-Si': {")

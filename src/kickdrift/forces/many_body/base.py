@@ -101,6 +101,7 @@ class TabledForce(ManyBodyForce):
     keys: ClassVar[tuple[str, ...]]
     suffix: ClassVar[str]  # of files
     default: ClassVar[Mapping[str, Any]]
+    default_name: ClassVar[str]
 
     entries: Mapping[str, Mapping[str, float]] | str | PathLike[str] | None
     file: str | None
@@ -133,6 +134,13 @@ class TabledForce(ManyBodyForce):
         """The entries."""
         assert isinstance(self.entries, Mapping)
         return self.entries
+
+    def __repr__(self) -> str:
+        """The default set by its name; else the entries."""
+        elements = "" if self.elements is None else f", elements={dict(self.elements)!r}"
+        if self.table == checked_entries(self.name, self.default, self.keys):
+            return f"{type(self).__name__}({self.default_name}{elements})"
+        return f"{type(self).__name__}(entries={dict(self.table)!r}{elements})"
 
     @property
     def known(self) -> tuple[str, ...]:

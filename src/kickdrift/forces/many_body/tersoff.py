@@ -40,7 +40,7 @@ class SiliconOf1988(NamedTuple):
 
 
 @checked_arguments
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Tersoff(TabledForce):
     """Tersoff's potential: bonds that weaken with the number and the angles of other bonds; silicon by default.
 
@@ -72,6 +72,7 @@ class Tersoff(TabledForce):
     keys: ClassVar[tuple[str, ...]] = SiliconOf1988._fields
     suffix: ClassVar[str] = ".tersoff"
     default: ClassVar[Mapping[str, Any]] = {"Si-Si-Si": SiliconOf1988()._asdict()}
+    default_name: ClassVar[str] = "silicon of Tersoff 1988, doi:10.1103/PhysRevB.37.6991, called Si(B) or T2"
 
     def __post_init__(self) -> None:
         self._settle()

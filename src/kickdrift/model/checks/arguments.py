@@ -17,7 +17,7 @@ PRESSURE = "methods with a heat bath take pressure and barostat: c-rescale, mtk 
 MINIMISATION = "energy minimisation is no run: kickdrift relax SYSTEM, or Simulation.minimize"
 CONSTRAINTS = "for constraints give [[constraint]] or kd.Constraint, see docs/rigid-water.md"
 SALTS = "did you mean 'rock-salt' or 'molten-salt'?"
-WATER = "did you mean 'water-512' or 'water-flexible'?"
+WATER = "did you mean 'water-1000' or 'water-flexible'?"
 MANY_BODY = (
     "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any "
     "calculator of ASE"
