@@ -23,6 +23,7 @@ LIQUIDS = (
     Shown("docs/view.png", "A mixture and the planets in a browser", "view.md"),
     Shown("structure_and_diffusion", "Structure and diffusion of a liquid", "notebooks/structure_and_diffusion.md"),
     Shown("heat_baths", "Four heat baths and the exact distribution", "notebooks/heat_baths.md"),
+    Shown("crystals", "Equation of state and elastic constants", "notebooks/crystals.md"),
     Shown("melting_lines", "Melting lines of copper and silicon", "notebooks/melting_lines.md"),
     Shown("own_potential", "A potential of your own", "notebooks/own_potential.md"),
     Shown("docs/lj_energy_error.png", "Energy errors of a liquid", "textbooks.md"),

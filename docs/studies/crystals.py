@@ -13,56 +13,34 @@ perfect crystal: with the atoms on their sites, at the nearest minimum, and at t
 from __future__ import annotations
 
 import argparse
-from functools import cache
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq, curve_fit
+from scipy.optimize import curve_fit
 
 import kickdrift as kd
-from kickdrift.analysis.crystals.elastic import PLACES, relaxed, strained, stress_of
-from kickdrift.engines.job import Job
-from kickdrift.engines.lammps import model_of
-from kickdrift.engines.lammps_world import World
-from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.options import Options
-from kickdrift.model.starts.builders import lattice
-from kickdrift.systemfile.files import shipped
 from kickdrift.text import with_error
 from kickdrift_validation.docs_tables import deliver, outputs, table
+from kickdrift_validation.elastic_constants import GPA, STRAINS, by_lammps, copper, cubic, silicon
 
 BEGIN, END = "<!-- crystals.py writes from here -->", "<!-- crystals.py: to here -->"
-GPA = 1.0 / 160.2176634  # in eV per cubic angstrom
 PRESSURES = (0.0, 10.0)
-STRAINS = (1e-2, 1e-3, 1e-4)
+CRYSTALS = {"copper": copper(), "silicon": silicon()}
 VOLUMES = np.linspace(0.97, 1.03, 9)
 
 
 def crystal(name: str, edge: float) -> kd.System:
     """Copper or silicon with this lattice constant."""
-    if name == "copper":
-        path = shipped()["copper-864"].with_name("Cu_zhou2004_smooth.eam.alloy")
-        force: Any = kd.EmbeddedAtom(str(path))
-        kind, cells, sites, mass = "fcc", 4, 4, 63.546
-    else:
-        force, kind, cells, sites, mass = kd.StillingerWeber(), "diamond", 3, 8, 28.0855
-    x, edges = lattice(kind, sites * cells**3, sites / edge**3)
-    element = "Cu" if name == "copper" else "Si"
-    return kd.System(x, masses=mass, box=edges, forces=[force], units="metal", species=[element] * len(x))
+    return CRYSTALS[name].at(edge)
 
 
 def energy(system: kd.System) -> float:
-    return kd.Simulation(system, "velocity-verlet", 0.001).energy().potential
+    return system.energy().potential
 
 
 def edge_at(name: str, pressure: float) -> float:
     """Lattice constant at a pressure in GPa."""
-    guess = 3.615 if name == "copper" else 5.431
-    return float(
-        brentq(
-            lambda a: -stress_of(crystal(name, a), 1)[:3].mean() / GPA - pressure, 0.94 * guess, 1.03 * guess, xtol=1e-9
-        )
-    )
+    return CRYSTALS[name].edge_at(pressure)
 
 
 def birch(volume: Any, energy_0: float, volume_0: float, bulk: float, slope: float) -> Any:
@@ -88,42 +66,6 @@ def equation_of_state(name: str) -> list[str]:
         name, f"{found[0]:.4f}", with_error(edge, edge_error), with_error(found[2] / GPA, errors[2] / GPA),
         with_error(found[3], errors[3]),
     ]  # fmt: skip
-
-
-@cache
-def world() -> World:
-    """LAMMPS, which all crystals share."""
-    return World()
-
-
-def lammps_stress(system: kd.System) -> np.ndarray:
-    """Stress (6,) by LAMMPS' own virial."""
-    job = Job(system, INTEGRATORS["velocity-verlet"], "velocity-verlet", Options(dt=0.001))
-    x = system.box.wrap(system.state.positions)
-    world().reset(model_of(job, 1), x, np.zeros_like(x))
-    return -np.array([float(world().lmp.get_thermo(key)) for key in ("pxx", "pyy", "pzz", "pyz", "pxz", "pxy")])
-
-
-def by_lammps(system: kd.System, strain: float) -> np.ndarray:
-    """Elastic constants (6, 6) from LAMMPS' stress of the crystals that kickdrift has strained and relaxed."""
-    slopes = np.zeros((2, 6, 6))
-    for k in range(6):
-        for which, size in enumerate((0.5 * strain, strain)):
-            found = []
-            for sign in (-1, 1):
-                made, rotation = strained(system, k, sign * size)
-                tensor = np.zeros((3, 3))
-                for value, (i, j) in zip(lammps_stress(relaxed(made, 1)), PLACES, strict=True):
-                    tensor[i, j] = tensor[j, i] = value
-                tensor = rotation.T @ tensor @ rotation
-                found.append(np.array([tensor[place] for place in PLACES]))
-            slopes[which, :, k] = (found[1] - found[0]) / (2.0 * size)
-    return (4.0 * slopes[0] - slopes[1]) / 3.0
-
-
-def cubic(c: np.ndarray) -> np.ndarray:
-    """C11, C12 and C44."""
-    return np.array([np.trace(c[:3, :3]) / 3, (c[:3, :3].sum() - np.trace(c[:3, :3])) / 6, np.trace(c[3:, 3:]) / 3])
 
 
 def constants(name: str, pressure: float) -> list[list[str]]:

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from kickdrift.model.box.box import Box
     from kickdrift.model.events.collision import Collision, Sphere
     from kickdrift.model.events.events import CloseApproach, Crossing, Escape
+    from kickdrift.model.fixed import Fixed
     from kickdrift.model.molecules.constraint import Constraint
     from kickdrift.model.molecules.topology import Topology
     from kickdrift.model.molecules.virtual_sites import VirtualSite
@@ -92,6 +93,7 @@ _HOMES = {
     "Ensemble": "ensemble",
     "Escape": "model.events.events",
     "FileOptions": "trajectory.layout.options",
+    "Fixed": "model.fixed",
     "InputError": "errors",
     "KickdriftError": "errors",
     "Installation": "analysis.compare.doctor",
@@ -175,6 +177,7 @@ __all__ = [
     "Escape",
     "Fene",
     "FileOptions",
+    "Fixed",
     "GasDrag",
     "GaussianCore",
     "Gravity",
@@ -389,6 +392,8 @@ ABOVE.update(
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "section figure": _loader("plots.results", "section_figure"),
+        "forces on a System": _loader("integrators.flows.still", "still_forces"),
+        "sample of a System": _loader("integrators.flows.still", "still_sample"),
         "run figure": _loader("plots.figures", "figure_of"),
         "run content": _loader("trajectory.read.info", "info_of"),
         "run lines": _loader("trajectory.overview", "overview_of"),

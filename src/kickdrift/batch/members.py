@@ -28,8 +28,8 @@ def refusal(system: Any, method: Method, options: Options) -> str | None:
     """Reason why a Batch cannot run this, or None. A Simulation may refuse more."""
     if not isinstance(system, System):
         return "a batch takes Systems of particles"
-    if system.tied_by:
-        return f"a batch moves each particle freely, and {system.name!r} has {system.tied_by}"
+    if system.held_by:
+        return f"a batch moves each particle freely, and {system.name!r} has {system.held_by}"
     if not method.batched:
         return f"{method.name} moves one system at a time; splittings, fixed Runge-Kutta and wisdom-holman move many"
     if options.compensated:

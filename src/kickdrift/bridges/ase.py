@@ -18,6 +18,7 @@ from ase.calculators.calculator import Calculator as AseCalculator
 from ase.calculators.calculator import all_changes
 from ase.calculators.lj import LennardJones as AseLennardJones
 from ase.calculators.singlepoint import SinglePointCalculator
+from ase.constraints import FixAtoms
 from ase.data import atomic_numbers
 from ase.stress import full_3x3_to_voigt_6_stress
 
@@ -26,7 +27,9 @@ from kickdrift.forces import CalculatorForce, LennardJones
 from kickdrift.looks.doubts import nearest_pair
 from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.box.box import Box, Oriented
+from kickdrift.model.fixed import Fixed
 from kickdrift.model.molecules.topology import SIZES, Topology
+from kickdrift.model.starts.builders import fixed_atoms
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.file_units import Scale, elementary_charge
@@ -45,12 +48,13 @@ def system_of(
 ) -> System:
     """Return a System; see `System.from_ase`."""
     system, _ = _system(atoms, forces, units, species)
-    if atoms.constraints:
-        kind = type(atoms.constraints[0]).__name__
+    fixed, others = fixed_atoms(atoms)
+    if others:
         raise InputError(
-            f"atoms: the constraint {kind} has no equivalent in kickdrift; remove it: del atoms.constraints"
+            f"atoms: the constraint {others[0]} has no equivalent in kickdrift; FixAtoms has one; remove it: "
+            "del atoms.constraints"
         )
-    return system
+    return system.with_fixed(Fixed(fixed)) if fixed else system
 
 
 def _system(
@@ -194,6 +198,8 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
             raise InputError(f"symbols: {shown(symbol[kind])} for species {kind!r} is not a chemical element")
     if system.constraints is not None:
         warn("constraints: ASE's Atoms are without them; ASE has FixBondLengths", stacklevel=3)
+    if system.fixed is not None and system.fixed.move:
+        warn("fixed: ASE's FixAtoms keeps atoms at rest, so those at a given velocity are free", stacklevel=3)
     massless = np.flatnonzero(state.masses == 0)
     if massless.size:
         raise InputError(
@@ -220,6 +226,8 @@ def atoms_of(system: System, symbols: Mapping[str, str] | None = None, calculato
         atoms.set_initial_charges(system.charges / elementary_charge(system.units))
     if system.dimensions == 2:
         atoms.info[DIMENSIONS] = 2
+    if system.fixed is not None and len(still := system.fixed.particles[~system.fixed.velocities.any(axis=0)]):
+        atoms.set_constraint(FixAtoms(still))
     if calculator and system.forces:
         one = system.forces[0] if len(system.forces) == 1 else None
         ready = vars(one)["made"] if isinstance(one, CalculatorForce) and not one.symbols else None

@@ -12,7 +12,7 @@ import typer
 
 import kickdrift as kd
 from kickdrift.cli import options as opt
-from kickdrift.cli.console import busy, print_lines, progress_bar, say
+from kickdrift.cli.console import busy, print_lines, progress_bar, say, show_found
 from kickdrift.cli.options import (
     amount,
     argument,
@@ -335,6 +335,9 @@ def relax(
             parser=amount("a length such as 0.1, or '0.3 angstrom'"),
         ),
     ] = None,
+    strain: Annotated[
+        float | None, option("E", "Also measure the elastic constants of a crystal, by strains up to E, such as 0.001.")
+    ] = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
     frame: opt.Frame = None,
     files: Any = None,
@@ -345,6 +348,7 @@ def relax(
 ) -> None:
     """Move particles to a minimum of their potential energy, also from a random start with overlaps. The relaxed system
     keeps the velocities of the file."""
+    from kickdrift.analysis.crystals.elastic import check_crystal, elastic_constants
     from kickdrift.trajectory.export.formats import FORMATS
 
     exported = output is not None and output.suffix.lower() in FORMATS
@@ -357,22 +361,31 @@ def relax(
     start = subject_of(system, seed, overlaps=True, frame=frame, **files)
     if not isinstance(start, System):
         raise InputError(f"{system}: is an ODE; relax needs particles")
+    if strain is not None:
+        check_crystal(start, strain)
     if output is not None and not exported:
         start.at(start.state.phase, 0.0).to_toml()  # refuses a system that no file can hold, before any work
     asked = {"force": force, "steps": steps, "method": method, "max_displacement": max_displacement}
     given = {key: value for key, value in asked.items() if value is not None}
     with progress_bar(quiet) as bar:
         found = minimum(start, check_threads(threads), **given, progress=bar("minimizing"))
+    elastic = None
     if not found.converged:
         say(f"warning: not converged: {found.trouble}", quiet)
+    elif strain is not None:
+        with busy("straining the crystal", quiet):
+            elastic = elastic_constants(found.system, strain, threads)
     try:
         if output is not None and exported:
             _export(found.system, output, overwrite)
         else:
             write_system(output, found.system.to_toml() if output else "", overwrite=overwrite)
-        write_json(json_file, found.as_json(), overwrite=overwrite)
+        more = {} if elastic is None else {"elastic": elastic.as_json()}
+        write_json(json_file, found.as_json() | more, overwrite=overwrite)
     finally:
         print_lines([*lines_of(found), *([("written", str(output))] if output else [])])
+        if elastic is not None:
+            show_found(elastic, None, overwrite)
     if not found.converged:
         raise typer.Exit(1)
 

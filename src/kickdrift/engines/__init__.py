@@ -105,7 +105,7 @@ class Engine:
             return f"{job.system.name!r} is an ODE; {self.name} moves particles"
         if job.system.events:
             return f"event {job.system.events[0].kind!r}: only a native run watches for events"
-        if tie := job.system.tied_by:
+        if tie := job.system.held_by:
             return f"{tie}: only a native run keeps them; {self.name} is not given them"
         if job.method.name not in self.methods:
             known = ", ".join(a if a == b else f"{a} ({b})" for a, b in self.methods.items())

@@ -24,6 +24,7 @@ from kickdrift.integrators.options import (
 
 PRECISIONS = PRECISION.choices  # precisions of pair forces
 KEEPING = "velocity-verlet, baoab and csvr"  # keep constraints
+FIXING = "velocity-verlet, baoab and rk4"  # leave fixed particles in place
 OWN_FORCES = "adds up forces of its own"  # reason against mixed precision
 WITH_BATH = "baoab, csvr and nose-hoover"  # the recommended ones
 SOLVES = "solves equations to the rounding of float64"
@@ -58,6 +59,7 @@ class Method:
     slow_velocities : whether velocities are too slow by an error of the step that configurations do not have
     particles_only : whether the method runs Systems only, no Problems
     rescalable : whether velocities may change between two steps without a restart
+    moves_all_because : why the method moves every particle, so that none can be fixed; "" if some can
     float64_because : why pair forces cannot be in mixed precision; "" if they can
     carries_unknowns : whether the method advances unknowns beside the bodies by themselves: see `kickdrift.Beside`
     stops_in_lanes : whether a batch with this method watches events
@@ -72,7 +74,7 @@ class Method:
     use: str
     family: ClassVar[str]
     separable = overdamped = stops_in_lanes = reflects = carries_unknowns = False
-    float64_because = ""
+    float64_because = moves_all_because = ""
 
     @property
     def evaluations(self) -> int:
@@ -125,9 +127,15 @@ class Method:
         return "moves each particle freely"
 
     def check_constraints(self, system: Any) -> None:
-        """Refuse constraints and virtual sites of a System that the method does not keep."""
+        """Refuse constraints, virtual sites and fixed particles of a System that the method does not keep."""
         if (tie := getattr(system, "tied_by", "")) and self.free_because:
             raise InputError(f"{self.name}: keeps no {tie}, because it {self.free_because}; {KEEPING} do")
+        fixed = getattr(system, "fixed", None)
+        why = self.moves_all_because
+        if fixed is not None and fixed.move and self.overdamped:
+            why = "has no velocities that could be given"
+        if fixed is not None and why:
+            raise InputError(f"{self.name}: moves fixed particles too, because it {why}; {FIXING} leave them in place")
 
     @property
     def butcher(self) -> tuple[Floats, Floats] | None:

@@ -15,7 +15,7 @@ from kickdrift.looks import columns
 from kickdrift.looks.centres import add_within, parted
 from kickdrift.looks.heat import MOTION, heat_of
 from kickdrift.looks.observers import particles_interact
-from kickdrift.model.freedom import NONE, apart_of, freedom_of
+from kickdrift.model.freedom import NONE, apart_of, fixed_heat, freedom_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 # Head of the desk: the total mass, degrees of freedom times Boltzmann's constant, the volume times the number of
 # dimensions. A nan marks an undefined temperature or pressure. Then the volume of a box that a barostat changes, the
-# motion that is no heat (`model.freedom`), and room for this motion (`looks.heat`). Masses follow, then room for
-# accelerations, then molecules with constraints (`looks.centres`), if any.
-MASS, FREEDOM, VOLUMES, CHANGING, APART, MOVING = range(6)
+# motion that is no heat (`model.freedom`), the kinetic energy of fixed particles, and room for the motion
+# (`looks.heat`). Masses follow, then room for accelerations, then molecules with constraints (`looks.centres`), if any.
+MASS, FREEDOM, VOLUMES, CHANGING, APART, GIVEN, MOVING = range(7)
 HEAD = MOVING + MOTION
 
 NO_ENERGY = 5  # status: forces are finite, but the energy is not
@@ -57,6 +57,7 @@ def desk_of(system: System, bath: bool = False, drags: bool = False) -> Floats:
     desk[APART] = apart_of(system, drags) if asked else NONE
     desk[VOLUMES] = system.dimensions * system.volume if np.isfinite(system.volume) else np.nan
     desk[CHANGING] = np.nan
+    desk[GIVEN] = fixed_heat(system)
     desk[HEAD : HEAD + len(masses)] = masses
     return np.concatenate([desk, parted(system.constraints)])
 
@@ -115,7 +116,7 @@ def look(forces, t, y, desk, last, rows, at, cursor):
     if not is_finite(total):
         return NO_ENERGY
     row[columns.TIME], row[columns.TOTAL] = t, total
-    heat, apart = row[columns.KINETIC], int(desk[APART])
+    heat, apart = row[columns.KINETIC] - desk[GIVEN], int(desk[APART])
     if apart != NONE:
         momentum = row[columns.MOMENTUM], row[columns.MOMENTUM + 1], row[columns.MOMENTUM + 2]
         heat = heat_of(desk[HEAD : HEAD + n], desk[MASS], x, v, apart, desk[MOVING:HEAD], heat, momentum)

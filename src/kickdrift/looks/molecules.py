@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from kickdrift.looks.columns import Column
-from kickdrift.model.freedom import BARELY, TURN, apart_of, freedom_of, whole_motion
+from kickdrift.model.freedom import BARELY, TURN, apart_of, free_masses, freedom_of, whole_motion
 from kickdrift.model.molecules.constraints import in_one_image
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.state import Floats
@@ -48,7 +48,7 @@ class Molecules:
         assert held is not None
         pairs = held.pairs if system.topology is None else np.concatenate([held.pairs, system.topology.bonds])
         self._system, self._held, self._pairs = system, held, pairs
-        self._moving = np.flatnonzero(system.state.masses)  # particles without mass have no heat
+        self._moving = np.flatnonzero(free_masses(system))  # the others have no heat
         self._of = np.unique(molecules_of(pairs, len(system))[self._moving], return_inverse=True)[1].reshape(-1)
         self._masses, self._apart = system.coherent_masses[self._moving], apart_of(system, drags)
         self._mass = np.bincount(self._of, self._masses)

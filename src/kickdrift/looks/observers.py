@@ -17,7 +17,7 @@ from kickdrift.looks import columns as column
 from kickdrift.looks.columns import ENERGY_TAKEN, KINETIC, KNOWN, NUMBERS, OWN, POTENTIAL, TAKEN, TOTAL, VECTORS
 from kickdrift.model.checks.limits import check_room
 from kickdrift.model.checks.values import unwarned
-from kickdrift.model.freedom import apart_of, freedom_of, whole_motion
+from kickdrift.model.freedom import apart_of, fixed_heat, freedom_of, whole_motion
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -180,7 +180,7 @@ def take_sample(
     collides, degrees = particles_interact(system), freedom_of(system, drags)
     room = system.dimensions * system.volume
     motion = whole_motion(m, x, v, apart_of(system, drags)) if collides or np.isfinite(room) else None
-    heat = kinetic if motion is None else kinetic_energy(m, v - motion)
+    heat = kinetic - fixed_heat(system) if motion is None else kinetic_energy(m, v - motion)
     temperature = 2 * heat / (degrees * system.units.boltzmann) if collides and degrees else float("nan")
     pressure = (2 * heat + measured.virial) / room if np.isfinite(room) else float("nan")
     return Sample(

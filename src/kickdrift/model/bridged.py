@@ -42,9 +42,10 @@ class Bridged:
         ----------
         atoms : ase.Atoms
             Open, or periodic along any of the cell's vectors. If the vectors do not have the form of a `Box`, atoms and
-            velocities are rotated with them (`Box.from_vectors`). Tags and magnetic moments are ignored,
-            except for species, names, radii and two dimensions that `to_ase` and exported files store in the atoms. The
-            topology is that of the atoms' calculator, or the lists that ASE reads from LAMMPS data files.
+            velocities are rotated with them (`Box.from_vectors`). FixAtoms becomes `Fixed`. Tags and magnetic moments
+            are ignored, except for species, names, radii and two dimensions that `to_ase` and exported files store in
+            the atoms. The topology is that of the atoms' calculator, or the lists that ASE reads from LAMMPS data
+            files.
         forces : iterable of forces, in ``units``; default those of the atoms' calculator: `LennardJones` (shifted at
             its rc) for ASE's LennardJones that is not smooth, kickdrift's own, and `CalculatorForce` for any other
         units : name of a unit system
@@ -53,8 +54,8 @@ class Bridged:
         Raises
         ------
         InputError
-            For a cell that no `Box` can have, constraints, a calculator that cannot follow motion, atoms with a
-            momentum but no mass, and numbers that are not finite.
+            For a cell that no `Box` can have, constraints other than FixAtoms, a calculator that cannot follow motion,
+            atoms with a momentum but no mass, and numbers that are not finite.
         """
         return bridge("ase", "System.from_ase").system_of(atoms, forces, units, species)
 

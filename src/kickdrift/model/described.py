@@ -38,6 +38,7 @@ class ShownSystem(Shown):
             *([("topology", str(self.topology))] if self.topology is not None else []),
             *([("constraints", str(self.constraints))] if self.constraints is not None else []),
             *([("virtual sites", str(self.virtual_sites))] if self.virtual_sites is not None else []),
+            *([("fixed", str(self.fixed))] if self.fixed is not None else []),
             *(("force", _force(force)) for force in self.forces),
             *_run_line(self),
         ]

@@ -3,9 +3,10 @@
 This is the one place that counts degrees of freedom. A total momentum that the run conserves belongs to no bath. Heat
 is the kinetic energy in the frame of the centre of mass, and has d degrees of freedom less in d dimensions. A cluster
 in open space also conserves its angular momentum. Heat is then without rigid rotation too (Jellinek & Li 1989,
-doi:10.1103/PhysRevLett.62.241). Each constraint takes one degree of freedom. Everything is heat where the method drags,
-which means that it draws velocities anew as ``baoab`` does, and where a field acts. A field that accelerates all
-particles alike leaves relative motion alone.
+doi:10.1103/PhysRevLett.62.241). Each constraint takes one degree of freedom. Fixed particles have no heat and no
+degrees of freedom. Everything else is heat where the method drags, which means that it draws velocities anew as
+``baoab`` does, where a field acts, and beside fixed particles. A field that accelerates all particles alike leaves
+relative motion alone.
 """
 
 from typing import Protocol
@@ -40,12 +41,22 @@ def apart_of(system: Acting, drags: bool = False) -> int:
 
 
 def freedom_of(system: Acting, drags: bool = False) -> int:
-    """Degrees of freedom of the heat; particles without mass have none."""
-    moving, d, apart = int(np.count_nonzero(system.state.masses)), system.dimensions, apart_of(system, drags)
+    """Degrees of freedom of the heat; fixed particles and those without mass have none."""
+    moving, d, apart = int(np.count_nonzero(free_masses(system))), system.dimensions, apart_of(system, drags)
     turns = 0
     if apart == TURN and moving > 1:
         turns = 1 if d == 2 else min(moving, 3)  # two bodies do not turn about their line
     return max(d * (moving - (apart != NONE)) - turns - len(system.constraints or ()), 0)
+
+
+def free_masses(system: Subject) -> Floats:
+    """Masses (n,) that carry heat, in the unit of ``coherent_masses``: those of fixed particles are zero."""
+    return system.coherent_masses if system.fixed is None else system.fixed.free(system.coherent_masses)
+
+
+def fixed_heat(system: Subject) -> float:
+    """Kinetic energy of fixed particles that move, which is no heat."""
+    return 0.0 if system.fixed is None else system.fixed.heat(system.coherent_masses)
 
 
 def whole_motion(masses: Floats, x: Floats, v: Floats, apart: int) -> Floats | None:

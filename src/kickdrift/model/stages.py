@@ -24,6 +24,7 @@ class Stage:
     keep : whether the stage has a file
     minimize : True, or ``method``, ``force``, ``steps`` and ``max_displacement`` of `Simulation.minimize`, for a stage
         that moves the particles to a minimum of their energy in place of a run
+    inherit : whether the stage takes from ``[run]`` what it does not say itself
     run : keys of ``[run]``: integrator, dt, steps or time, every, and options such as
         ``temperature={"from": 300, "to": 2500}``. They stand above those of ``[run]``
 
@@ -36,15 +37,24 @@ class Stage:
     name: str
     keep: bool = True
     minimize: Mapping[str, Any] | None = None
+    inherit: bool = True
     run: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     def __init__(
-        self, name: str, *, keep: bool = True, minimize: bool | Mapping[str, Any] | None = None, **run: Any
+        self,
+        name: str,
+        *,
+        keep: bool = True,
+        minimize: bool | Mapping[str, Any] | None = None,
+        inherit: bool = True,
+        **run: Any,
     ) -> None:
         if not (isinstance(name, str) and NAME.fullmatch(name)):
             raise InputError(f"stage: name must be letters, digits, - and _, such as heat, got {shown(name)}")
         if not isinstance(keep, bool):
             raise InputError(f"stage {name}: keep must be True or False, got {shown(keep)}")
+        if not isinstance(inherit, bool):
+            raise InputError(f"stage {name}: inherit must be True or False, got {shown(inherit)}")
         if not isinstance(minimize, bool | Mapping | None):
             raise InputError(f"stage {name}: minimize must be True or {', '.join(MINIMIZE)}, got {shown(minimize)}")
         given = None if minimize in (None, False) else {} if minimize is True else dict(minimize)  # type: ignore[arg-type]
@@ -52,12 +62,14 @@ class Stage:
             raise InputError(f"stage {name}: minimize takes {', '.join(MINIMIZE)}, got {shown(strange[0])}")
         if given is not None and run:
             raise InputError(f"stage {name}: {next(iter(run))}: a stage that minimizes takes no steps in time")
-        for key, value in {"name": name, "keep": keep, "minimize": given, "run": run}.items():
+        own = {"name": name, "keep": keep, "minimize": given, "inherit": inherit, "run": run}
+        for key, value in own.items():
             object.__setattr__(self, key, value)
 
     def said(self) -> dict[str, Any]:
         """Values by key, as in ``[[stage]]``."""
         own: dict[str, Any] = {"name": self.name} | ({} if self.keep else {"keep": False})
+        own |= {} if self.inherit else {"inherit": False}
         return own | ({} if self.minimize is None else {"minimize": dict(self.minimize) or True}) | dict(self.run)
 
 

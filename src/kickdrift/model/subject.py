@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
+from kickdrift.model.fixed import FixedParticles
 from kickdrift.model.molecules.constraints import Constraints
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.molecules.virtual_sites import VirtualSites
@@ -70,7 +71,13 @@ class Subject(Particles, Protocol):
     def virtual_sites(self) -> VirtualSites | None: ...
 
     @property
+    def fixed(self) -> FixedParticles | None: ...
+
+    @property
     def tied_by(self) -> str: ...
+
+    @property
+    def held_by(self) -> str: ...
 
     def __len__(self) -> int: ...
 

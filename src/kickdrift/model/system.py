@@ -32,7 +32,10 @@ from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.model.checks.values import no_overflow, per_particle, whole_number
 from kickdrift.model.described import ShownSystem
 from kickdrift.model.events.events import Event, checked_events
+from kickdrift.model.fixed import NAME as FIXED
+from kickdrift.model.fixed import Fixed, FixedParticles, fixed_of
 from kickdrift.model.freedom import freedom_of
+from kickdrift.model.measured import MeasuredSystem
 from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.constraints import Constraints, Projected, constraints_of, on_manifold
 from kickdrift.model.molecules.topology import Topology
@@ -59,6 +62,7 @@ _KEPT = (
     "topology",
     "constraints",
     "virtual_sites",
+    "fixed",
 )  # passed on by `remade`
 
 
@@ -72,7 +76,7 @@ def later_seed(seed: int | None, time: float) -> int | None:
 
 @checked_arguments
 @dataclass(frozen=True, eq=False, repr=False)
-class System(Bridged, ShownSystem):
+class System(Bridged, MeasuredSystem, ShownSystem):
     """State, box, forces and units. A Simulation copies a System and never changes it.
 
     Parameters
@@ -95,6 +99,7 @@ class System(Bridged, ShownSystem):
     constraints : list of `Constraint`, distances that a run keeps; default none. The start is projected on them
     virtual_sites : list of `VirtualSite`, sites without mass that follow other particles; default none
     stages : list of `Stage`, the runs of a protocol for `run_stages`; default none
+    fixed : list of `Fixed`, particles that stay in place or move at a given velocity; default none
     """
 
     state: State
@@ -117,6 +122,7 @@ class System(Bridged, ShownSystem):
     constraints: Constraints | None = None
     virtual_sites: VirtualSites | None = None
     stages: tuple[Stage, ...] = ()
+    fixed: FixedParticles | None = None
     ephemerides: tuple[str, ...] = ()  # what JPL was asked for the start: body, date, plane and origin
 
     def __init__(
@@ -143,6 +149,7 @@ class System(Bridged, ShownSystem):
         constraints: Iterable[Constraint] | Constraints | None = None,
         virtual_sites: Iterable[VirtualSite] | VirtualSites | None = None,
         stages: Iterable[Stage] = (),
+        fixed: Iterable[Fixed] | FixedParticles | None = None,
     ) -> None:
         dimensions = whole_number("dimensions", dimensions, 2, 3)
         x = vectors_of("positions", positions, dimensions)
@@ -185,6 +192,10 @@ class System(Bridged, ShownSystem):
         put(self, "virtual_sites", virtual_sites_of(virtual_sites))
         if self.virtual_sites is not None:
             self._settle(self.virtual_sites)
+        put(self, "fixed", fixed_of(self, fixed))
+        if self.fixed is not None:
+            self.fixed.check(self, self.constraints, self.virtual_sites)
+            put(self, "state", replace(self.state, phase=self.fixed.settled(self.state.phase)))
         with no_overflow():
             for force in self.forces:
                 force.check(self)
@@ -224,6 +235,11 @@ class System(Bridged, ShownSystem):
         if self.constraints is not None:
             return "constraints"
         return "virtual sites" if self.virtual_sites is not None else ""
+
+    @property
+    def held_by(self) -> str:
+        """What keeps particles from moving freely: that which ties them, "fixed particles", or ""."""
+        return self.tied_by or ("fixed particles" if self.fixed is not None else "")
 
     def __len__(self) -> int:
         return len(self.state)
@@ -301,6 +317,11 @@ class System(Bridged, ShownSystem):
         made = copy(self)
         object.__setattr__(made, "stages", checked_stages(stages))
         return made
+
+    def with_fixed(self, *groups: Fixed) -> System:
+        """A new System in which these particles stay in place or move at a given velocity, and no others. It has no
+        ``invariants``."""
+        return self.remade(fixed=groups)
 
     # --- new systems from old ones ---
 
@@ -444,8 +465,11 @@ class System(Bridged, ShownSystem):
     def acting(self, trait: str) -> list[str]:
         """Names of the forces that have a trait: "external" (does not conserve momentum), "works" (nor energy),
         "velocity_dependent", "joins" (bodies that it names belong together), "alike" (pulls all alike), "reflects"
-        (mirrors bodies in place of a force)."""
-        return [force.name for force in self.forces if getattr(force, trait, False)]
+        (mirrors bodies in place of a force). Fixed particles count as "external", and as "works" if they move."""
+        found = [force.name for force in self.forces if getattr(force, trait, False)]
+        if self.fixed is not None and (trait == "external" or (trait == "works" and self.fixed.move)):
+            found.append(FIXED)
+        return found
 
     @property
     def coherent_masses(self) -> Floats:
@@ -456,7 +480,7 @@ class System(Bridged, ShownSystem):
     def degrees_of_freedom(self) -> int:
         """Degrees of freedom of the heat in a run that conserves the total momentum: 3 N less three, in open space less
         three more for rotation; all 3 N in a field. Two dimensions have 2 N less two and one. Each constraint takes one
-        more. See `model.freedom`."""
+        more. Beside fixed particles, each free one has three. See `model.freedom`."""
         return freedom_of(self)
 
     @property

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.model.units.quantities import FAMILIAR
 from kickdrift.plots import drawing as draw
 from kickdrift.plots.drawing import Axes, Figure
 from kickdrift.plots.orbits import BODY_COLOURS
@@ -89,21 +90,23 @@ def sampling_figure(comparison: SamplingComparison) -> Figure:
         raise InputError("compare: every run failed; there is nothing to draw")
     if not any(isfinite(row.pressure) for row in good):
         kinds.pop()
-    units = {"pressure": comparison.pressure_unit}
+    scale, pressure_unit = FAMILIAR.get(comparison.pressure_unit, (1.0, comparison.pressure_unit))
+    units = {"pressure": (scale, pressure_unit)}
     figure = draw.new_figure(4.2 * len(kinds) + 1.0, 4.6)
     for place, (key, label) in enumerate(kinds, start=1):
         axes = draw.new_axes(figure, (1, len(kinds), place))
         axes.axhline(0.0, color="#BBBBBB", linewidth=1.0)
+        scale, unit = units.get(key, (1.0, comparison.energy_unit))
         for index, name in enumerate(comparison.methods):
             rows = [row for row in good if row.method == name]
             axes.errorbar(
-                [row.dt for row in rows], [getattr(row, key) for row in rows],
-                [2.0 * getattr(row, f"{key}_error") for row in rows], color=draw.COLOURS[index % len(draw.COLOURS)],
+                [row.dt for row in rows], [scale * getattr(row, key) for row in rows],
+                [2.0 * scale * getattr(row, f"{key}_error") for row in rows],
+                color=draw.COLOURS[index % len(draw.COLOURS)],
                 marker=MARKERS[index % len(MARKERS)], markersize=4, linewidth=1.4, capsize=2,
                 label=comparison.label(name),
             )  # fmt: skip
         axes.set_xlabel(f"dt ({draw.printed(comparison.time_unit)})" if comparison.time_unit else "dt")
-        unit = units.get(key, comparison.energy_unit)
         axes.set_title(f"Error of the mean of {label}{f' ({draw.printed(unit)})' if unit else ''}")
     axes = figure.axes[0]
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=8, frameon=False)

@@ -294,6 +294,8 @@ class Integration:
         stepper.y[1] *= factor
         if motion is not None:
             stepper.y[1] += (1.0 - factor) * motion
+        if (fixed := getattr(self.system, "fixed", None)) is not None:
+            stepper.y[1][:, fixed.particles] = fixed.velocities
         if self.foreign:
             stepper.reset(stepper.y, stepper.time, stepper.steps_done)  # passes the velocities to the program
 

@@ -16,7 +16,7 @@ from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.observers import kinetic_energy
 from kickdrift.model.checks.limits import steps_in
 from kickdrift.model.checks.values import positive, unwarned, whole_number
-from kickdrift.model.freedom import apart_of, disturbing, freedom_of, whole_motion
+from kickdrift.model.freedom import apart_of, disturbing, fixed_heat, freedom_of, whole_motion
 from kickdrift.model.run_defaults import Equilibration
 from kickdrift.model.state import State
 from kickdrift.model.system import System
@@ -283,7 +283,7 @@ def _restart(sim: Any) -> None:
 def _rescale(sim: Any, masses: Any, kinetic: float) -> None:
     x, v = sim.integration.stepper.y
     motion = whole_motion(masses, x, v, apart_of(sim.system))
-    now = kinetic_energy(masses, v if motion is None else v - motion)
+    now = kinetic_energy(masses, v if motion is None else v - motion) - fixed_heat(sim.system)
     if now == 0:
         raise InputError(
             "equilibrate: all velocities are zero, so none can be rescaled; give [velocities] a temperature"

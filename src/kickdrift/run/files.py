@@ -98,7 +98,7 @@ class ProblemFile(File):
     takes_series = False
 
     def _append(self, looks: Looks, columns: dict[str, Any]) -> None:
-        energy = looks.total if self._run.system.energy is not None else None  # type: ignore[union-attr]
+        energy = looks.total if self._run.system.energy is not None else None
         self._writer.append_look(self._run.state, columns, energy)
 
 

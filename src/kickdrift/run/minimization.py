@@ -62,7 +62,8 @@ class EnergySurface:
             raise InputError(f"minimize: force {walls[0]!r} has no energy; a harmonic-wall has one")
         self.system, self.evaluations = system, 0
         self.cap = default_cap(system) if cap is None else cap
-        self._forces = BoundForces(system, threads)
+        self._forces = BoundForces(system, threads, hold=True)
+        self._fixed: Any = [] if system.fixed is None else system.fixed.particles
         self._phase = np.zeros((2, 3, len(system)))
         self._masses = system.coherent_masses
 
@@ -98,10 +99,12 @@ class EnergySurface:
         step = 0.5 * self.cap * direction / np.linalg.norm(direction)
         moved[:, first] += step
         moved[:, second] -= step
+        moved[:, self._fixed] = x[:, self._fixed]
         return moved
 
     def stiffness(self, x: Floats, along: Floats, times: int) -> tuple[float, Floats]:
         """Largest slope of the forces (power iteration), and its direction, from which the next search may begin."""
+        along[:, self._fixed] = 0.0
         probe = PROBE * self.cap if np.isfinite(self.cap) else 1e-6 * (float(np.abs(x).max()) or 1.0)
         slope = 0.0
         for _ in range(times):

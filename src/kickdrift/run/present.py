@@ -30,15 +30,15 @@ def accelerations_at(run: Integration) -> Floats:
 def forces_at(run: Integration) -> Floats:
     """Forces on the particles now, (n, 3), in the system's energy unit per length; a read-only copy."""
     flow: Any = run.flow
-    return read_only((_accelerations(run, "forces") * flow.subject.coherent_masses).T.copy())
+    return read_only((_accelerations(run, "forces", felt=True) * flow.subject.coherent_masses).T.copy())
 
 
-def _accelerations(run: Integration, key: str) -> Any:
-    """Accelerations now, (3, n); ``key`` names the quantity in errors."""
+def _accelerations(run: Integration, key: str, felt: bool = False) -> Any:
+    """Accelerations now, (3, n), or with ``felt`` the forces over the masses; ``key`` names the quantity in errors."""
     flow: Any = run.flow
     if not flow.of_particles:
         raise InputError(f"{key}: a Problem has no {key}")
-    found = flow.accelerations(run.y, run.time)
+    found = (flow.felt if felt and hasattr(flow, "felt") else flow.accelerations)(run.y, run.time)
     if found is None:
         raise RunError(f"step {run.steps_done}: the forces at these positions are not finite")
     return found

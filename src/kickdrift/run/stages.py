@@ -15,6 +15,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.integrators import integrator as method_named
 from kickdrift.integrators.asked import in_units, known_options, other_barostats
 from kickdrift.integrators.options import PRECISION, SEED
+from kickdrift.looks.report_lines import mean_with_units
 from kickdrift.model.run_defaults import RunDefaults, with_ramps
 from kickdrift.model.stages import Stage
 from kickdrift.model.system import System, later_seed
@@ -26,7 +27,7 @@ from kickdrift.run.resuming import resume, staged
 from kickdrift.run.simulation import Simulation
 from kickdrift.run.times import length_of
 from kickdrift.systemfile.files import prefixed
-from kickdrift.text import measured, with_error
+from kickdrift.text import counted
 
 if TYPE_CHECKING:
     from kickdrift.trajectory.layout.options import FileOptions
@@ -82,9 +83,7 @@ class StageReports(Shown):
 
 
 def _mean(value: float | None, error: float | None, symbol: str) -> str:
-    if value is None:
-        return ""
-    return measured(f"{value:.5g}" if error is None else with_error(value, error), symbol)
+    return "" if value is None else mean_with_units(value, error, symbol)
 
 
 class StageRun:
@@ -145,7 +144,7 @@ class _New(StageRun):
         from kickdrift.run.equilibration import equilibrate_as_told  # needs numba
 
         equilibrate_as_told(sim)
-        length = length_of(sim, f"stage {self.stage.name}")
+        length = length_of(sim, self.stage.name)
         file = made.file if self.output else None
         found = sim.run(
             **length, every=run.every, interval=run.interval, output=self.output, overwrite=made.overwrite, file=file,
@@ -279,17 +278,19 @@ def _each(system: System, made: _Making) -> Iterator[StageRun]:
 
 
 def _completed(stage: Stage, system: System) -> Stage:
-    """The stage with all that its run needs: its own keys over those of ``[run]``, as numbers in the system's units."""
+    """The stage with all that its run needs: its own keys over those of ``[run]``, as numbers in the system's units.
+    The rest of a protocol then inherits nothing from the stage that runs, whose keys are ``[run]`` in its file."""
     if stage.minimize is not None:
         return stage
     with prefixed(f"stage {stage.name}: "):
-        base, given = system.run, in_units(with_ramps(stage.run), known_options().values(), system.units)
+        base = system.run if stage.inherit else RunDefaults()
+        given = in_units(with_ramps(stage.run), known_options().values(), system.units)
         options, left = dict(base.options), other_barostats(given)
         if (named := given.get("integrator") or base.integrator) is not None:
             left += [key for key in options if key not in (PRECISION.name, *method_named(named).tunable)]
         own = {key: value for key, value in base.said().items() if key not in left}
         run = RunDefaults(**own).changed(**given).in_units(system.units)
-    return Stage(stage.name, keep=stage.keep, **run.said())
+    return Stage(stage.name, keep=stage.keep, inherit=False, **run.said())
 
 
 def simulation_of(system: System, stage: Stage, threads: int) -> Simulation:
@@ -299,6 +300,21 @@ def simulation_of(system: System, stage: Stage, threads: int) -> Simulation:
     made = system.with_run(**dict.fromkeys(system.run.said())).with_run(**run.said())
     sim = Simulation(made if seed is None else made.with_run(seed=later_seed(seed, system.state.time)), threads=threads)
     return staged(sim, system.stages)
+
+
+def check_length(sim: Simulation) -> None:
+    """Refuse a stage of unknown length, and one that ends before its ramp does."""
+    run, ramp = sim.system.run, sim.integration.ramp
+    if run.steps is run.time is run.times is None:
+        raise InputError("names neither steps nor time nor times, and so does [run]")
+    length = length_of(sim, sim.system.name)
+    if ramp is None or ramp.steps is None or "times" in length:
+        return
+    if ramp.steps > (steps := sim.steps_to(**length)):
+        raise InputError(
+            f"its ramp takes {counted(ramp.steps, 'step', ',')} and the stage ends after {steps:,}; give the stage "
+            f"{ramp.steps:,} steps, or leave out the steps of the ramp"
+        )
 
 
 def _check(system: System, made: _Making) -> None:
@@ -311,6 +327,6 @@ def _check(system: System, made: _Making) -> None:
             if stage.minimize is None:
                 sim = simulation_of(system, stage, made.threads)
                 sim.refuse_still()
-                length_of(sim, stage.name)
+                check_length(sim)
             elif system.tied_by:
                 raise InputError(f"minimize moves particles freely, so it breaks {system.tied_by}")

@@ -69,6 +69,8 @@ _VALUES: dict[tuple[str, str], Json] = {
     **{("constraint", key): {"anyOf": [TEXT, NAMES, {"const": True}]} for key in ("bonds", "angles")},
     ("constraint", "rigid"): {"anyOf": [GROUPS, {"const": True}]},
     ("virtual_site", "particles"): {"anyOf": [WHOLE, PARTICLES]},
+    ("fixed", "particles"): {"anyOf": [WHOLE, PARTICLES]},
+    ("fixed", "species"): {"anyOf": [TEXT, NAMES]},
     ("virtual_site", "of"): {"anyOf": [PARTICLES, GROUPS]},
     ("virtual_site", "weights"): {"type": "array", "items": {"anyOf": [NUMBER, {"type": "array", "items": NUMBER}]}},
     **{("topology", f"{key[:-1]}_types"): {"anyOf": [TEXT, NAMES]} for key in SIZES},
@@ -81,6 +83,7 @@ _HELP: dict[tuple[str, str], str] = {
     ("system", "velocities"): "Velocities, drawn at a temperature or given.",
     ("system", "box"): "Edges of the box, and the axes along which it is periodic.",
     ("system", "topology"): "Bonds, angles, dihedrals and impropers of molecules.",
+    ("system", "fixed"): "Particles that stay in place, or move at a given velocity.",
     ("system", "force"): "Forces; they add up.",
     ("system", "force_field"): "Force field of the particles' file, which OpenMM reads.",
     ("system", "event"): "Events that a run finds: collisions, close approaches, escapes and passages.",
@@ -89,6 +92,7 @@ _HELP: dict[tuple[str, str], str] = {
     ("system", "stage"): "The runs of a protocol, each from the end of the one before.",
     ("stage", "name"): "Name of the stage, with which the name of its file ends.",
     ("stage", "keep"): "Whether the stage has a file.",
+    ("stage", "inherit"): "Whether the stage takes from [run] what it does not say itself.",
     ("stage", "minimize"): "Move the particles to a minimum of their energy in place of a run.",
     ("system", "invariants"): "What the system is known to conserve, with the source.",
     ("run", "integrator"): "Method; kickdrift list integrators explains each.",
@@ -113,6 +117,7 @@ def json_schema() -> Json:
         "topology": _table(schema_base.TopologyTable, "topology"),
         "constraint": _table(schema_base.ConstraintTable, "constraint"),
         "virtual_site": _table(schema_base.VirtualSiteTable, "virtual_site"),
+        "fixed": _table(schema_base.FixedTable, "fixed"),
         "ode": {"oneOf": [_by_type(schema.ode_table(make), name, make, "problem") for name, make in _odes()]},
         "ode-run": ode_run,
     }
@@ -121,7 +126,9 @@ def json_schema() -> Json:
         "system",
         force={"type": "array", "items": _reference("force")},
         event={"type": "array", "items": _reference("event")},
-        **{key: {"type": "array", "items": _reference(key)} for key in ("constraint", "virtual_site", "stage")},
+        **{
+            key: {"type": "array", "items": _reference(key)} for key in ("constraint", "virtual_site", "fixed", "stage")
+        },
         **{key: _reference(key) for key in ("run", "equilibrate", "topology")},
     )
     parameters = {"properties": {"particles": {"required": ["coordinates"]}}}  # a file of a force field has its forces

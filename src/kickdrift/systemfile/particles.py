@@ -9,6 +9,8 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.limits import check_particles
+from kickdrift.model.fixed import KEY as FIXED
+from kickdrift.model.fixed import Fixed
 from kickdrift.model.molecules.constraint import Constraint, numbered
 from kickdrift.model.molecules.listed import from_file, replaced
 from kickdrift.model.molecules.topology import SIZES, Topology
@@ -38,6 +40,7 @@ from kickdrift.systemfile.schema_base import (
     BodiesTable,
     BodyTable,
     ConstraintTable,
+    FixedTable,
     PlummerTable,
     VirtualSiteTable,
 )
@@ -412,6 +415,12 @@ def constraint_of(table: ConstraintTable, k: int) -> Constraint:
     """Constraint of the checked table ``[[constraint]]`` number k."""
     with numbered(k):
         return Constraint(**table.model_dump(exclude_none=True))
+
+
+def fixed_of(table: FixedTable, k: int) -> Fixed:
+    """Fixed of the checked table ``[[fixed]]`` number k."""
+    with numbered(k, FIXED):
+        return Fixed(**table.model_dump(exclude_none=True))
 
 
 def virtual_site_of(table: VirtualSiteTable, k: int) -> VirtualSite:

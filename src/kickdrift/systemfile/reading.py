@@ -21,6 +21,7 @@ from kickdrift.model.box.box import Box
 from kickdrift.model.bridged import bridge
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.checks.values import no_overflow, whole_number
+from kickdrift.model.fixed import Fixed
 from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import Structure, check_overlaps, drawn_velocities, nominal_units, read_structure
@@ -40,6 +41,7 @@ from kickdrift.systemfile.particles import (
     cluster,
     constraint_of,
     edges_given,
+    fixed_of,
     molecules_of,
     on_lattice,
     on_orbits,
@@ -230,12 +232,15 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
         seed = table.velocities.seed if seed is None else seed
     virtual_sites: Any
     constraints: Any
+    fixed: Any = [fixed_of(given, k) for k, given in enumerate(table.fixed)]
     topology, virtual_sites = molecules_of(table, path.parent)
     constraints = [constraint_of(given, k) for k, given in enumerate(table.constraint)]
     if frame is not None:
         seed = frame.seed if seed is None else seed
         topology = frame.topology if topology is None else topology
         constraints, virtual_sites = constraints or frame.constraints, virtual_sites or frame.virtual_sites
+        fixed = fixed or frame.fixed
+    fixed = fixed or ([Fixed(start.fixed)] if len(start.fixed) else None)
     stages = [stage_of(given, units, f"stage[{k}]") for k, given in enumerate(table.stage)]
     equilibration = None if table.equilibrate is None else equilibration_of(table.equilibrate, units, run)
 
@@ -267,6 +272,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             constraints=constraints,
             virtual_sites=virtual_sites,
             stages=stages,
+            fixed=fixed,
         )
 
     made = system(velocities)

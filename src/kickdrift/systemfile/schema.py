@@ -180,6 +180,7 @@ class SystemTable(Table):
     topology: base.TopologyTable | None = None
     constraint: list[base.ConstraintTable] = []
     virtual_site: list[base.VirtualSiteTable] = []
+    fixed: list[base.FixedTable] = []
     force: list[dict[str, Any]] | None = None  # each is checked against the constructor of its class
     force_field: ForceFieldTable | None = None  # in place of forces, or beside them
     event: list[dict[str, Any]] = []  # each is checked against the table of its type

@@ -288,6 +288,12 @@ class ConstraintTable(Table):
     tolerance: float | None = None
 
 
+class FixedTable(Table):
+    particles: Any = None
+    species: Any = None
+    velocity: Annotated[list[Velocity], Field(min_length=3, max_length=3)] | None = None
+
+
 class VirtualSiteTable(Table):
     particles: Any
     of: Any

@@ -76,6 +76,7 @@ class StageTable(RunTable):
 
     name: str
     keep: bool = True
+    inherit: bool = True
     minimize: (
         Annotated[
             Annotated[bool, Tag("<true or false>")] | Annotated[MinimizeTable, Tag("<table>")],

@@ -70,6 +70,8 @@ def tables_of(system: System) -> dict[str, Any]:
         tables["constraint"] = system.constraints.tables()
     if system.virtual_sites is not None:
         tables["virtual_site"] = system.virtual_sites.tables
+    if system.fixed is not None:
+        tables["fixed"] = system.fixed.tables
     tables["force"] = [_force(system, force) for force in system.forces]
     if system.events:
         tables["event"] = [_event(system, event) for event in system.events]

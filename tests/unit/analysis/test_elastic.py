@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -65,3 +67,18 @@ def test_pairs_keep_cauchys_relation_under_pressure():
 def test_what_has_no_elastic_constants_is_refused(make, message):
     with pytest.raises(InputError, match=message):
         kd.analysis.elastic_constants(*make())
+
+
+def test_the_command_measures_a_relaxed_crystal(kickdrift, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    silicon = crystal(kd.StillingerWeber(), "diamond", 8, 5.431, masses=28.0855, units="metal", species=["Si"] * 64)
+    (tmp_path / "si.toml").write_text(silicon.to_toml())
+    code, out, _ = kickdrift("relax", "si.toml", "--strain", 1e-3, "--json", "found.json", "--quiet")
+    assert code == 0
+    assert "elastic constants, GPa" in out
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert found["converged"]
+    assert np.array(found["elastic"]["matrix"])[0, 0] * 160.2176634 == pytest.approx(151.4, abs=0.1)
+    code, _, err = kickdrift("relax", "kepler-e09", "--strain", 1e-3)
+    assert code == 2
+    assert "needs a box that is periodic along all three axes" in err

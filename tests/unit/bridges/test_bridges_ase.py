@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from ase.build import bulk, fcc111
 from ase.calculators.lj import LennardJones
-from ase.constraints import FixAtoms
+from ase.constraints import FixAtoms, FixBondLength
 from ase.filters import FrechetCellFilter
 from ase.md.verlet import VelocityVerlet
 from ase.optimize import BFGS, FIRE
@@ -294,7 +294,10 @@ def strike(atoms):
         (changed(lambda atoms: atoms.set_cell([np.inf, 9, 9])), "atoms: cell: expected finite numbers, got "),
         (changed(spoil), "positions: particle 7 has nan in z; expected finite numbers"),
         (changed(strike), "velocities: particle 0 has inf in z"),
-        (changed(lambda atoms: atoms.set_constraint(FixAtoms([1]))), "the constraint FixAtoms has no equivalent in"),
+        (
+            changed(lambda atoms: atoms.set_constraint(FixBondLength(0, 1))),
+            "constraint FixBondLengths has no equiv",
+        ),
         (changed(lambda atoms: atoms.set_masses(np.zeros(256))), "atom 0 has a momentum but no mass"),
         (ase.Atoms(), "positions: expected shape"),
         ("Ar2", "atoms: expected ase.Atoms, got str"),
@@ -520,3 +523,36 @@ def test_atoms_that_left_their_plane_are_refused():
     atoms.positions[3, 2] += 1.0
     with pytest.raises(kd.InputError, match=r"^positions: particle 3 has z = 1\.5; expected z = 0\.5"):
         kd.System.from_ase(atoms)
+
+
+def slab() -> ase.Atoms:
+    """A slab of argon with a frozen lowest layer, at 20 K."""
+    atoms = fcc111("Ar", (4, 4, 4), a=5.3, vacuum=8.0, orthogonal=True, periodic=True)
+    atoms.info.clear()
+    atoms.set_constraint(FixAtoms(np.flatnonzero(atoms.positions[:, 2] < 8.1)))
+    atoms.set_velocities(0.003 * np.random.default_rng(1).standard_normal((64, 3)))
+    return atoms
+
+
+def test_a_frozen_layer_comes_from_ase_moves_as_there_and_goes_back():
+    atoms, forces = slab(), [kd.LennardJones(EPSILON, SIGMA, cutoff=5.1, truncation="shift")]
+    system = kd.System.from_ase(atoms, forces)
+    assert len(system.fixed) == 16
+    assert system.degrees_of_freedom == 3 * 48
+    atoms.calc = Calculator(forces)
+    VelocityVerlet(atoms, 0.5).run(20)
+    sim = kd.Simulation(system, dt=0.5 / Scale.of(system.units).velocity)
+    sim.run(20)
+    np.testing.assert_allclose(sim.state.positions, atoms.positions, rtol=0, atol=1e-12)
+    back = sim.now().to_ase()
+    assert back.constraints[0].get_indices().tolist() == system.fixed.particles.tolist()
+    with pytest.warns(UserWarning, match="those at a given velocity are free"):
+        moved = system.with_fixed(kd.Fixed(0, velocity=(1, 0, 0))).to_ase()
+    assert not moved.constraints
+
+
+def test_a_structure_file_keeps_its_frozen_layer(tmp_path):
+    ase.io.write(tmp_path / "slab.extxyz", slab())
+    system = kd.load({"units": "metal", "particles": {"file": str(tmp_path / "slab.extxyz")}, "force": []})
+    assert len(system.fixed) == 16
+    assert not system.state.velocities[system.fixed.particles].any()

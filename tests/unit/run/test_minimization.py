@@ -290,6 +290,8 @@ def test_the_command_fails_where_it_does_not_converge(kickdrift, start):
         (["--force", "much"], "--force: 'much' is not a force such as 1e-6"),
         (["--method", "cg"], "expected one of fire, l-bfgs"),
         (["--steps", "-1"], "--steps: '-1' is not a whole number"),
+        (["--strain", "0.2"], "strain must be at most 0.05, got 0.2"),
+        (["--strain", "0"], "elastic_constants: strain must be a positive number"),
         (["--output", "out.h5md"], "the name must end in .toml"),
         (["--output", "random.toml", "--overwrite"], "is an input of this command"),
         (["--output", "mine.toml", "--overwrite"], "is not a system file that kickdrift wrote"),

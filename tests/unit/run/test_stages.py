@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -205,6 +206,27 @@ def test_stages_of_python_are_those_of_a_file(tmp_path):
     assert not (tmp_path / "own-produce.h5md").exists()
 
 
+def test_the_rest_of_a_protocol_takes_nothing_from_the_stage_that_runs(tmp_path):
+    """Also as the text of a file: [run] has the keys of the stage then, such as its ramp."""
+    whole = kd.run_stages(protocol(), output=tmp_path / "whole.h5md")
+    with kd.open(tmp_path / "whole-heat.h5md") as run:
+        system = run.system()
+    assert [each.name for each in system.stages] == ["heat", "press", "produce"]
+    text = system.to_toml()
+    assert text.count("inherit = false") == 3
+    for each in (system, loads(text)):
+        rest = kd.run_stages(each)
+        assert "temperature_to" not in rest["press"].options
+        assert set(rest["produce"].options) == set(whole["produce"].options)
+        np.testing.assert_allclose(rest.system.state.phase, whole.system.state.phase, rtol=0, atol=1e-9)
+
+
+def test_means_of_stages_have_a_familiar_pressure():
+    cold = FILE.replace('"lj"', '"metal"').replace("density = 0.8", "density = 0.8\nmass = 40.0")
+    found = kd.run_stages(loads(cold + '[[stage]]\nname = "a"\nsteps = 20\n'))
+    assert re.search(r"eV/\S+ = \S+ GPa", str(found))
+
+
 def test_noise_goes_on_from_stage_to_stage():
     system = protocol("").with_run(integrator="baoab", friction=1.0, seed=5)
     one, two = (
@@ -243,6 +265,8 @@ def test_all_stages_are_checked_before_the_first_runs(tmp_path):
         kd.run_stages(protocol(late), output=tmp_path / "x.h5md")
     with pytest.raises(InputError, match=r"stage b: .*neither steps nor time"):
         kd.run_stages(protocol('[[stage]]\nname = "a"\nsteps = 5\n[[stage]]\nname = "b"'))
+    with pytest.raises(InputError, match=r"^stage a: its ramp takes 50 steps and the stage ends after 5; give the"):
+        kd.run_stages(protocol('[[stage]]\nname = "a"\nsteps = 5\ntemperature = { from = 1, to = 2, steps = 50 }'))
     with pytest.raises(InputError, match="has no stages"):
         kd.run_stages(protocol(""))
     (tmp_path / "x-produce.h5md").write_text("mine")

@@ -83,7 +83,7 @@ def force_checks(
     steps = whole_number("steps", steps, 100)
     if dt is not None:
         positive("dt", dt)
-    began, system = perf_counter(), system.watched(())
+    began, system = perf_counter(), free(system).watched(())
     evaluate = Evaluator(system, engine, threads)
     rng = np.random.default_rng(seed)
     curves: dict[str, Floats] = {}
@@ -108,6 +108,11 @@ def force_checks(
             told(min(done, STAGES), STAGES)
     notes = tuple(shell_notes(system))
     return ForceChecks(system.name, tuple(rows), evaluate.calls, perf_counter() - began, notes, curves)
+
+
+def free(system: System) -> System:
+    """The System with no particle fixed, because forces act on all."""
+    return system if system.fixed is None else system.with_fixed()
 
 
 def _stated(evaluate: Evaluator, states: list[Floats], seed: int) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from kickdrift.integrators.options import RAMPED
 from kickdrift.looks.molecules import KINDS, Molecules
 from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import even_stretch
-from kickdrift.model.freedom import DRIFT, NONE, TURN, apart_of, disturbing, freedom_of, turning
+from kickdrift.model.freedom import DRIFT, NONE, TURN, apart_of, disturbing, free_masses, freedom_of, turning
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units import constants
@@ -183,6 +183,8 @@ def _of_frames(frames: Frames) -> SampledRun:
     vectors = vectors_of(frames, "velocities")
     apart, bath, note = _apart(run.method["integrator"], system)
     masses = vectors.masses * run.units.coherent_mass
+    if system.fixed is not None:
+        masses = system.fixed.free(masses)
     places, turns = vectors, None
     if apart == TURN or system.constraints is not None:
         places = vectors_of(frames, "positions")
@@ -233,7 +235,7 @@ def _of_simulation(sim: Simulation) -> SampledRun:
         raise InputError(f"{name} holds {len(samples)} samples; call run() first")
     apart, bath, note = _apart(sim.integrator, system)
     freedom = freedom_of(system, integrator(sim.integrator).drags)
-    count = int(np.count_nonzero(system.state.masses))
+    count = int(np.count_nonzero(free_masses(system)))
     return SampledRun(
         name=name,
         boltzmann=system.units.boltzmann,
@@ -315,7 +317,7 @@ def _apart(name: str, system: System) -> tuple[int, bool, str]:
     if apart == NONE:
         why = f"{name if method.drags else outside[0]} changes the total momentum"
     lost = d * int(np.count_nonzero(system.state.masses)) - freedom_of(system, method.drags)
-    return apart, method.bath, f"{d} N{f' - {lost}' if apart else ''} degrees of freedom: {why}"
+    return apart, method.bath, f"{d} N{f' - {lost}' if lost else ''} degrees of freedom: {why}"
 
 
 def _likeness(system: System, of_box: bool) -> tuple[Any, ...]:

@@ -120,17 +120,7 @@ def elastic_constants(system: System, strain: float = 1e-3, threads: int = 1) ->
     RunError
         If a strained crystal does not relax.
     """
-    if not isinstance(system, System):
-        raise InputError("elastic_constants: expected a System of particles")
-    if system.dimensions != 3 or not all(system.box.periodic_axes):
-        raise InputError("elastic_constants: needs a box that is periodic along all three axes")
-    if system.tied_by:
-        raise InputError(f"elastic_constants: relaxes particles freely, so it would break the {system.tied_by}")
-    if outside := system.acting("external"):
-        raise InputError(f"elastic_constants: force {outside[0]!r} acts from outside, so the crystal has no stress")
-    most = positive("elastic_constants: strain", strain)
-    if most > LARGEST:
-        raise InputError(f"elastic_constants: strain must be at most {LARGEST:g}, got {most:g}")
+    most = check_crystal(system, strain)
     start = relaxed(system.remade(velocities=np.zeros((len(system), 3)), events=()), threads)
     slopes = np.zeros((2, 6, 6))  # of half the strain and of the whole
     for k in range(6):
@@ -146,6 +136,22 @@ def elastic_constants(system: System, strain: float = 1e-3, threads: int = 1) ->
     return ElasticConstants(
         found, error, stress_of(start, threads), most, start.volume, system.units.symbol("pressure"), gigapascal
     )
+
+
+def check_crystal(system: System, strain: float) -> float:
+    """Refuse a System without elastic constants, and a strain that is too large; return the strain."""
+    if not isinstance(system, System):
+        raise InputError("elastic_constants: expected a System of particles")
+    if system.dimensions != 3 or not all(system.box.periodic_axes):
+        raise InputError("elastic_constants: needs a box that is periodic along all three axes")
+    if system.held_by:
+        raise InputError(f"elastic_constants: relaxes particles freely, so it would break the {system.held_by}")
+    if outside := system.acting("external"):
+        raise InputError(f"elastic_constants: force {outside[0]!r} acts from outside, so the crystal has no stress")
+    most = positive("elastic_constants: strain", strain)
+    if most > LARGEST:
+        raise InputError(f"elastic_constants: strain must be at most {LARGEST:g}, got {most:g}")
+    return most
 
 
 def _strained_stress(system: System, component: int, size: float, threads: int) -> Floats:

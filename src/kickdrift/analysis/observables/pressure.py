@@ -64,7 +64,8 @@ def pressure_tensor(run: Frames | str | os.PathLike[str], system: System | None 
         raise InputError(f"pressure_tensor: the system has {len(system)} particles, the run {positions.particles}")
     apart = min(DRIFT, apart_of(system, _drags(positions.source)))
     pieces = relative(velocities.pieces(), velocities.pieces(), system.coherent_masses, apart)
-    moving = (v for piece in pieces for v in piece)
+    heat = np.ones((len(system), 1)) if system.fixed is None else system.fixed.free(np.ones(len(system)))[:, None]
+    moving = (v * heat for piece in pieces for v in piece)
     tensors = np.array(
         [
             instantaneous_pressure(system if box is run_box else _in_box(system, box), x, v)

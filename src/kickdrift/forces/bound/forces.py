@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.bound.holding import holding
 from kickdrift.forces.bound.sites import around, weighed
 from kickdrift.forces.bound.table import SLOTS, Forces, derivative, few_of, measure, table_of
 from kickdrift.forces.external.kernel import ExternalKernel, Host, host_of
@@ -102,7 +103,7 @@ class BoundForces:
     instance, and observers another. If a particle moves further than a pair force's range between two calls, the run
     has blown up; ``jumps`` allows such moves. ``thin`` lists are cheaper to make and suit particles that hardly move.
     With ``mixed``, pair forces are in mixed precision. The forces follow a ``live`` box, with ``apart`` one whose edges
-    change apart.
+    change apart. With ``hold``, fixed particles have no accelerations; energy and virial are those of all forces.
 
     Attributes
     ----------
@@ -119,6 +120,7 @@ class BoundForces:
         mixed: bool = False,
         live: LiveBox | None = None,
         apart: bool = False,
+        hold: bool = False,
     ) -> None:
         self.threads = check_threads(threads)
         if mixed and not any(getattr(force, "has_pairs", False) for force in system.forces):
@@ -127,6 +129,8 @@ class BoundForces:
         self.forces = bound(weighed(system) if sites else system, threads, mixed)
         if sites:
             self.forces = around(system, self.forces)
+        if hold:
+            self.forces += holding(system)
         self._varies = live is not None
         self.along: Floats | None = None
         if live is not None:

@@ -13,6 +13,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.forces.many_body.tables import Potential, read_potential, style_of_file
 from kickdrift.model.checks.arguments import checked_arguments
+from kickdrift.model.checks.values import path_text
 from kickdrift.text import shown
 
 
@@ -28,7 +29,7 @@ class EmbeddedAtom(ManyBodyForce):
 
     Attributes
     ----------
-    file : str
+    file : path
         Name of a file ``.eam.alloy``, ``.eam.fs``, ``.eam.he`` or ``.eam`` (one element, funcfl), kept as an absolute
         path. In a system file, the name is relative to that file.
     digest : str
@@ -45,8 +46,7 @@ class EmbeddedAtom(ManyBodyForce):
     dimensions: ClassVar[dict[str, str]] = {}
 
     def __post_init__(self) -> None:
-        if not isinstance(self.file, str) or "\0" in self.file:
-            raise InputError(f"{self.name}: file: expected the name of a file, got {shown(self.file)}")
+        object.__setattr__(self, "file", path_text(f"{self.name}: file", self.file))
         potential = read_potential(self.name, self.file)
         if self.digest and self.digest != potential.digest:
             raise InputError(f"{self.name}: file: {self.file} has changed: its SHA-256 is not {shown(self.digest)}")

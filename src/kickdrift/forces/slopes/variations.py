@@ -49,8 +49,8 @@ class Varied:
     def __init__(
         self, force: Any, system: System, masses: Floats | None = None, along: int = 1, first: int | None = None
     ) -> None:
-        if system.tied_by:
-            raise InputError(f"{system.tied_by}: motion under {system.tied_by} has no variational equations yet")
+        if system.held_by:
+            raise InputError(f"{system.held_by}: motion under {system.held_by} has no variational equations yet")
         if isinstance(force, GravityTree):  # its tree makes the sums jump
             raise InputError(f"force {force.name!r}: has no variational equations; 'gravity' has them")
         if isinstance(

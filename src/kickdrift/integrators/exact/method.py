@@ -31,6 +31,7 @@ class Exact(Method):
     use: str = ""
 
     family = "whole numbers"
+    moves_all_because = "sums its own forces in whole numbers"
     symplectic = True
     reversible = True
     separable = True

@@ -112,6 +112,8 @@ class ParticleStates:
                 force.check(self.subject.at(phase, state.time))  # no particle may be behind it
         if (sites := self.subject.virtual_sites) is not None:
             phase = sites.settled(self.subject.box, held, phase)
+        if (fixed := self.subject.fixed) is not None:
+            phase = fixed.settled(phase)
         return np.array(phase, dtype=float, order="C")
 
     def look_cost(self, fresh: bool) -> float:
@@ -166,7 +168,7 @@ class ParticleFlow(ParticleStates):
         self.live = LiveBox(system.box, coupling == FULL) if coupling else None
         under = self._under(system)
         apart = coupling in APART
-        self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, live=self.live, apart=apart)
+        self.forces = BoundForces(under, threads, jumps=jumps, mixed=mixed, live=self.live, apart=apart, hold=True)
         self._listed = any(isinstance(force, ListedForce) for force in system.forces)
         self._shared = (self._listed or self.forces.sums_before_samples) and not mixed
         # a sample must not change the run's lists; lists of many particles take much memory, and are made when needed
@@ -183,7 +185,7 @@ class ParticleFlow(ParticleStates):
     def _forces_aside(self, system: System) -> BoundForces:
         """Forces with lists of their own, for one set of positions."""
         free = self.live is not None and self.live.free
-        aside = BoundForces(self._under(system), self.forces.threads, thin=True, live=self.live, apart=free)
+        aside = BoundForces(self._under(system), self.forces.threads, thin=True, live=self.live, apart=free, hold=True)
         aside.follow(self.forces)
         return aside
 
@@ -281,6 +283,13 @@ class ParticleFlow(ParticleStates):
             return None
         n = len(self.subject)
         return self._desk[HEAD + n : HEAD + 4 * n].reshape(3, n).copy()
+
+    def felt(self, y: Floats, time: float) -> Floats | None:
+        """Forces over masses (3, n) at y, also of fixed particles, which they do not accelerate; None if not finite."""
+        if self.subject.fixed is None:
+            return self.accelerations(y, time)
+        found = BoundForces(self._under(self.subject), self.forces.threads).measure(time, _plain(y))
+        return None if found is None else found.accelerations[:, : len(self.subject)]
 
     def prepare(self, y: Floats, time: float) -> None:
         """Compile the code for samples."""

@@ -32,6 +32,7 @@ class Hermite(Method):
     use: str = ""
 
     family = "Hermite"
+    moves_all_because = "predicts every body by the derivatives of its acceleration"
     separable = True
     particles_only = True
     chooses_steps = True

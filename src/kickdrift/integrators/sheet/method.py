@@ -31,6 +31,7 @@ class Sei(Method):
     use: str = ""
 
     family = "epicycle splitting"
+    moves_all_because = "moves bodies along epicycles"
     symplectic = True
     reversible = True
     particles_only = True

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.forces.bound.holding import held_groups
 from kickdrift.forces.bound.sites import site_groups
 from kickdrift.forces.pairs.sorted_steps import plan_of
 from kickdrift.integrators.options import PRESSURE, RAMPED
@@ -133,6 +134,9 @@ class SplittingStepper(FixedStepper):
                 "reflecting-wall: mirrors single particles, and constraints hold whole molecules; take a soft wall, "
                 "such as harmonic-wall"
             )
+        fixed = getattr(flow.subject, "fixed", None)
+        if walled and fixed is not None and fixed.move:
+            raise InputError("reflecting-wall: would turn fixed particles that move; take a soft wall")
         method = self._method.beside() if flow.of_particles and flow.carries else self._method  # type: ignore[union-attr]
         method = method.mirrored() if walled else method
         rows = [FLOWS[letter] for letter in method.further]
@@ -285,4 +289,4 @@ def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:
                 f"{method.name}: kicks by groups 0 to {method.groups - 1}, and force {force.name} has group = {group}"
             )
     beside = site_groups(flow.subject)
-    return np.array([*beside, *groups, *beside], np.int64)
+    return np.array([*beside, *groups, *beside, *held_groups(flow.subject)], np.int64)

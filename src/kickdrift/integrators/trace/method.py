@@ -49,6 +49,7 @@ class Trace(Method):
     use: str = ""
 
     family = "Kepler splitting"
+    moves_all_because = "moves bodies along orbits around a central one"
     reversible = True
     particles_only = True
     batched = stops_in_lanes = True

@@ -135,6 +135,7 @@ class WisdomHolman(Method):
     use: str = ""
 
     family = "Kepler splitting"
+    moves_all_because = "moves bodies along orbits around a central one"
     symplectic = True
     reversible = True
     separable = carries_unknowns = True

@@ -232,9 +232,9 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
         changes = getattr(event, "action", "") in ("merge", "remove", "fragment", "rule")
         if changes and system.charges is not None:
             raise InputError(f"{event.kind}: action {event.action!r} cannot act on charged particles")  # type: ignore[union-attr]
-        if system.tied_by:
+        if system.held_by:
             raise InputError(
-                f"{event.kind}: events search the motion of free particles, and {system.name!r} has {system.tied_by}"
+                f"{event.kind}: events search the motion of free particles, and {system.name!r} has {system.held_by}"
             )
         if changes and joins:
             names = ", ".join(dict.fromkeys(joins))

@@ -115,7 +115,12 @@ def check_lattice(kind: str, kinds: Iterable[str], count: int, density: float) -
 
 
 def maxwell_boltzmann(
-    masses: ArrayLike, temperature: float, boltzmann: float, seed: int, dimensions: int = 3
+    masses: ArrayLike,
+    temperature: float,
+    boltzmann: float,
+    seed: int,
+    dimensions: int = 3,
+    conserved: bool = True,
 ) -> Floats:
     """Velocities (n, 3) drawn from the Maxwell-Boltzmann distribution, then adjusted to the exact temperature.
 
@@ -131,6 +136,7 @@ def maxwell_boltzmann(
     boltzmann : ``UnitSystem.boltzmann``
     seed : a whole number, zero or more
     dimensions : 3, or 2 for velocities in the x-y plane
+    conserved : whether the run conserves the total momentum; else that stays, and 2 K = d N k_B T
     """
     m = numbers("masses", masses)
     if m.ndim != 1 or not np.all(np.isfinite(m) & (m >= 0)):
@@ -142,13 +148,16 @@ def maxwell_boltzmann(
     velocities = np.zeros((len(m), 3))
     if temperature == 0:
         return velocities
-    if np.count_nonzero(moving) < 2:
+    if np.count_nonzero(moving) < 1 + conserved:
+        if not conserved:
+            raise InputError("temperature: needs a particle with mass that is not fixed")
         raise InputError("temperature: needs two or more particles with mass, since the total momentum is removed")
     draws = rng.standard_normal((len(m), dimensions))[moving]
     weight = m[moving, None] / m.max()  # relative masses, since single atoms in kilograms would underflow
     drawn = draws / np.sqrt(weight)
-    drawn -= (weight * drawn).sum(axis=0) / weight.sum()
-    wanted = dimensions * (len(drawn) - 1) * (boltzmann * temperature / m.max())
+    if conserved:
+        drawn -= (weight * drawn).sum(axis=0) / weight.sum()
+    wanted = dimensions * (len(drawn) - conserved) * (boltzmann * temperature / m.max())
     velocities[moving, :dimensions] = drawn * np.sqrt(wanted / (weight * drawn**2).sum())
     return velocities
 
@@ -158,16 +167,19 @@ def drawn_velocities(system: Subject, temperature: float | str | None, seed: int
     if temperature is None or seed is None:
         raise InputError("seed and temperature need each other: velocities are drawn with a seed, such as seed = 1")
     value = quantity(temperature, "temperature", system.units, "temperature")
-    drawn = maxwell_boltzmann(system.coherent_masses, value, system.units.boltzmann, seed, system.dimensions)
-    return drawn if system.constraints is None else _tangent(system, drawn, value)
+    masses = system.coherent_masses if system.fixed is None else system.fixed.free(system.coherent_masses)
+    drawn = maxwell_boltzmann(
+        masses, value, system.units.boltzmann, seed, system.dimensions, conserved=system.fixed is None
+    )
+    return drawn if system.constraints is None else _tangent(system, masses, drawn, value)
 
 
-def _tangent(system: Subject, drawn: Floats, temperature: float) -> Floats:
-    """Drawn velocities (n, 3) as they are under constraints, at the exact temperature."""
-    held, masses = system.constraints, system.coherent_masses
+def _tangent(system: Subject, masses: Floats, drawn: Floats, temperature: float) -> Floats:
+    """Drawn velocities (n, 3) as they are under constraints, at the exact temperature; ``masses`` (n,) carry heat."""
+    held = system.constraints
     assert held is not None
-    _, v, _ = held.projected(masses, system.state.phase[0], drawn.T)
-    freedom = system.dimensions * (np.count_nonzero(masses) - 1) - len(held)
+    _, v, _ = held.projected(system.coherent_masses, system.state.phase[0], drawn.T)
+    freedom = system.dimensions * (np.count_nonzero(masses) - (system.fixed is None)) - len(held)
     twice = float(masses @ (v * v).sum(axis=0))
     if not freedom:
         raise InputError("temperature: the constraints leave no motion besides that of the centre of mass")
@@ -178,7 +190,7 @@ class Structure(NamedTuple):
     """Particles of an initial state. ``masses`` and ``charges`` are one number or one for each. Edges (three
     lengths or a matrix), velocities and charges are None if unknown, ``seed`` if nothing was drawn. With
     ``barycentric``, the particles must still be moved to their centre of mass. ``ephemerides`` say what
-    JPL was asked."""
+    JPL was asked, and ``fixed`` which particles stay in place."""
 
     positions: Floats
     masses: Any
@@ -192,6 +204,14 @@ class Structure(NamedTuple):
     seed: int | None = None
     barycentric: bool = False
     ephemerides: tuple[str, ...] = ()
+    fixed: Sequence[int] = ()
+
+
+def fixed_atoms(atoms: Any) -> tuple[list[int], list[str]]:
+    """Atoms that ASE's FixAtoms holds, and the names of the other constraints of ``ase.Atoms``."""
+    kinds = [(type(each).__name__, each) for each in atoms.constraints]
+    held = [int(i) % len(atoms) for kind, each in kinds if kind == "FixAtoms" for i in each.get_indices()]
+    return sorted(set(held)), [kind for kind, _ in kinds if kind != "FixAtoms"]
 
 
 NEEDS_ASE = "reading structure files needs ASE: pip install 'kickdrift[ase]'"
@@ -279,7 +299,10 @@ def read_structure(
     charges = atoms.arrays.get("initial_charges")
     charges = charges if charges is not None and charges.any() else None
     periodic_along = along if len(set(along)) > 1 else along[0]
-    return Structure(positions, masses, symbols, edges, periodic_along, velocities, charges=charges)
+    fixed, others = fixed_atoms(atoms)
+    if others:
+        warnings.warn(f"{path}: the constraint {others[0]} has no equivalent and is left out", stacklevel=2)
+    return Structure(positions, masses, symbols, edges, periodic_along, velocities, charges=charges, fixed=fixed)
 
 
 def nominal_units(path: Path) -> str:

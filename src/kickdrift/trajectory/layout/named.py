@@ -65,6 +65,7 @@ class Record(Known):
     constraints: list[dict[str, Any]] = []
     virtual_sites: list[dict[str, Any]] = []
     stages: list[dict[str, Any]] = []
+    fixed: list[dict[str, Any]] = []
     ephemerides: list[str] = []
     room: int = Field(0, ge=0, lt=NEVER)
     time: FiniteFloat
@@ -180,7 +181,7 @@ def stage_of(given: Mapping[str, Any]) -> Stage:
     """Make the Stage that a file describes."""
     hints = get_type_hints(RunDefaults)
     types = {key: hints[key] for key in _fields(RunDefaults) if key != "options"} | _option_types()
-    types |= {"name": str, "keep": bool, "minimize": bool | dict[str, Any]}
+    types |= {"name": str, "keep": bool, "inherit": bool, "minimize": bool | dict[str, Any]}
     return Stage(**_filled(_optional("Stage", types), dict(given), "stage"))
 
 

@@ -19,6 +19,7 @@ from kickdrift.forces.seam.named import path_of
 from kickdrift.integrators.options import OPTIONS
 from kickdrift.model.changing import empty_rows, with_empty_rows
 from kickdrift.model.events.events import Event
+from kickdrift.model.fixed import Fixed
 from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.molecules.virtual_sites import VirtualSite
@@ -72,6 +73,7 @@ def record_of(system: System) -> dict[str, Any]:
         **({"topology": system.topology.tables()} if system.topology is not None else {}),  # likewise
         **({"constraints": system.constraints.tables()} if system.constraints is not None else {}),  # likewise
         **({"virtual_sites": system.virtual_sites.tables} if system.virtual_sites is not None else {}),  # likewise
+        **({"fixed": system.fixed.tables} if system.fixed is not None else {}),  # likewise
         **({"ephemerides": system.ephemerides} if system.ephemerides else {}),  # likewise
         **({"room": room} if (room := empty_rows(system)) else {}),  # likewise
         "species": system.species,
@@ -167,6 +169,7 @@ def system_of(
             [Constraint(**given) for given in record.constraints],
             [VirtualSite(**given) for given in record.virtual_sites],
             [stage_of(given) for given in record.stages],
+            [Fixed(**given) for given in record.fixed],
         )
     object.__setattr__(system, "ephemerides", tuple(record.ephemerides))
     if frame is None:
@@ -213,7 +216,7 @@ def differences(system: System, run: RunFile) -> list[str]:
         *here,
         *(
             key
-            for key in ("constraints", "virtual_sites", "topology", "dimensions")
+            for key in ("constraints", "virtual_sites", "fixed", "topology", "dimensions")
             if key in there and key not in here
         ),
     ]

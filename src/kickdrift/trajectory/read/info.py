@@ -13,7 +13,7 @@ from kickdrift.forces import force_class
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.looks.doubts import of_samples
 from kickdrift.looks.record import even_stretch
-from kickdrift.looks.report_lines import mean_text
+from kickdrift.looks.report_lines import mean_text, mean_with_units
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.limits import NEVER
 from kickdrift.model.event_log import event_lines
@@ -122,9 +122,9 @@ def info_of(run: Run) -> dict[str, Any]:
 
 
 def ties_of(run: Run) -> dict[str, Any]:
-    """Net charge, and numbers of rigid distances and of virtual sites, of a run that has them."""
+    """Net charge, and numbers of rigid distances, of virtual sites and of fixed particles, of a run that has them."""
     found: dict[str, Any] = {} if run.charges is None else {"net_charge": math.fsum(run.charges)}
-    for key, items in (("constraints", "pairs"), ("virtual_sites", "particles")):
+    for key, items in (("constraints", "pairs"), ("virtual_sites", "particles"), ("fixed", "particles")):
         tables = run.system_record.get(key)
         given = [each.get(items) for each in tables if isinstance(each, dict)] if isinstance(tables, list) else []
         if count := sum(len(each) for each in given if isinstance(each, list)):
@@ -137,7 +137,7 @@ def tie_lines(found: dict[str, Any], charge: str) -> list[tuple[str, str]]:
     rows = []
     if "net_charge" in found:
         rows.append(("net charge", measured(f"{found['net_charge']:.6g}", charge)))
-    for key, name in (("constraints", "rigid distance"), ("virtual_sites", "site")):
+    for key, name in (("constraints", "rigid distance"), ("virtual_sites", "site"), ("fixed", "particle")):
         if key in found:
             rows.append((key.replace("_", " "), counted(found[key], name, ",")))
     return rows
@@ -187,7 +187,10 @@ def warnings_of(run: Recorded) -> list[str]:
 
 
 def _works(run: Recorded) -> bool:
-    """Whether a force of the run may do work, so that its energy is not conserved."""
+    """Whether a force of the run, or a fixed particle that moves, may do work, so that its energy is not conserved."""
+    fixed = getattr(run, "system_record", {}).get("fixed")
+    if isinstance(fixed, list) and any(isinstance(each, dict) and each.get("velocity") for each in fixed):
+        return True
     classes = [force_class(*name) for name in _forces_of(run)]
     return any(cls is None or getattr(cls, "works", False) for cls in classes)  # a property is true, too
 
@@ -245,6 +248,10 @@ def described(found: dict[str, Any]) -> list[tuple[str, str]]:
     for name, ends in found["observables"].items():
         unit = symbol_of(found["columns"].get(name, {}).get("unit", ""))
         shown_name = name if name in found["columns"] else name.replace("_", " ")
+        if name == "pressure":
+            per = symbol_of(f"{units['energy']}/{units['length']}^{sum(found['periodic'])}")
+            rows.append((name, f"{short(ends['first'])} → {mean_with_units(ends['last'], None, per)}"))
+            continue
         rows.append((shown_name, f"{short(ends['first'])} → {measured(short(ends['last']), unit)}"))
     rows.append(("", _form(found)))
     return with_end(found, rows)

@@ -128,6 +128,8 @@ def check_pressed(system: Any, options: Options) -> None:
     if not np.isfinite(system.volume):
         along = "in open space" if not system.box.periodic else "whose box is open along an axis"
         raise InputError(f"pressure: {system.name!r} is a system {along}, which has no volume")
+    if system.fixed is not None:
+        raise InputError("pressure: a barostat moves all particles with the box, and fixed particles stay in place")
     for force in system.forces:
         reason = force.fixes_box(system) if hasattr(force, "fixes_box") else "its class does not say that it does"
         if reason:

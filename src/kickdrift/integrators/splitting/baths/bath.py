@@ -22,7 +22,7 @@ from kickdrift.looks.heat import (
     scale,
     scale_heat,
 )
-from kickdrift.model.freedom import apart_of, freedom_of
+from kickdrift.model.freedom import apart_of, free_masses, freedom_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
@@ -48,6 +48,8 @@ class Bathed(NamedTuple):
     apart: int  # the motion of the whole that is no heat, see `model.freedom`
     mass: float  # of all particles
     motion: Floats  # (9,) room for this motion, see `looks.heat`
+    fixed: NDArray[np.int64]  # (f,) particles of the bath's System that it leaves alone; their masses are zero here
+    given: Floats  # (3, f) their velocities
 
 
 def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: bool) -> Bathed:
@@ -66,22 +68,28 @@ def bathed(flow: Flow, options: Options, needed: Sequence[Option], conserving: b
     for option in needed:
         if options.get(option.name) is None:
             raise InputError(f"{option.name} is needed: a heat bath has no default {option.name}")
-    masses, thermal = system.coherent_masses, system.units.boltzmann * options[TEMPERATURE.name]
+    masses, thermal = free_masses(system), system.units.boltzmann * options[TEMPERATURE.name]
     moving = np.ones(len(masses), bool)
     if system.virtual_sites is not None:
         moving[system.virtual_sites.particles] = False
+    fixed, given = np.zeros(0, np.int64), np.zeros((3, 0))
+    if system.fixed is not None:
+        fixed, given = system.fixed.particles, system.fixed.velocities
+        moving[fixed] = False
     if not np.all(masses[moving] > 0):
         i = int(np.argmin(np.where(moving, masses, np.inf)))
         raise InputError(f"a heat bath needs masses, and {system.body(i)} has none")
     spread = np.sqrt(np.divide(thermal, masses, out=np.zeros_like(masses), where=moving))
     freedom = freedom_of(system, drags=not conserving)
     if not freedom:
+        if system.fixed is not None:
+            raise InputError("a heat bath needs a particle that is not fixed")
         raise InputError("a heat bath that conserves momentum needs two particles or more")
     seed = options.get(SEED.name)
     return Bathed(
         filled(system.state.ids), filled(masses), filled(spread), system.dimensions,
         float(freedom), float(thermal), int((system.seed or 0) if seed is None else seed), np.zeros(1),
-        apart_of(system, drags=not conserving), float(masses.sum()), np.zeros(MOTION),
+        apart_of(system, drags=not conserving), float(masses.sum()), np.zeros(MOTION), fixed, given,
     )  # fmt: skip
 
 
@@ -111,12 +119,21 @@ def heat_now(bath, x, v):
 
 
 @strict
+def keep_fixed(bath, v):
+    """Give fixed particles their velocities back."""
+    for k in range(bath.fixed.size):
+        for axis in range(3):
+            v[axis, bath.fixed[k]] = bath.given[axis, k]
+
+
+@strict
 def rescale(bath, x, v, factor):
-    """Scale the velocities relative to ``bath.motion``."""
+    """Scale the velocities relative to ``bath.motion``, but those of fixed particles."""
     if moves(bath.motion):
         scale_heat(x, v, bath.axes, bath.motion, factor)
     else:
         scale(v, bath.axes, factor)
+    keep_fixed(bath, v)
 
 
 @strict

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options import FRICTION, NOISE, RATE, REFINE, TEMPERATURE
-from kickdrift.integrators.splitting.baths.bath import Bathed, bathed
+from kickdrift.integrators.splitting.baths.bath import Bathed, bathed, keep_fixed
 from kickdrift.integrators.stepping.loops import chunk_numbers, sweeps
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
 from kickdrift.jit.compile import as_written, never_inline
@@ -140,6 +140,7 @@ def shake(parts, v, kept, noise, likely, draw):
     for c in range(shared.chunks.number):
         heat += shared.gains[c]
     parts.bath.heat[0] += 0.5 * heat
+    keep_fixed(parts.bath, v)
 
 
 @chunk_task
