@@ -36,6 +36,15 @@ class Taken(NamedTuple):
 NOTHING = Taken(0.0, 0.0, 0.0)
 
 
+class Hits(NamedTuple):
+    """Hits of hard spheres up to a time. The virial is the sum of distance times push over the hits of spheres."""
+
+    time: float
+    spheres: int
+    walls: int
+    virial: float
+
+
 class Energies(NamedTuple):
     """Totals over all particles, in the system's energy unit."""
 

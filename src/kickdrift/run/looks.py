@@ -12,9 +12,9 @@ from kickdrift.integrators.stepping.chosen_steps import ChosenSteps
 from kickdrift.integrators.stepping.stepper import STOPPED
 from kickdrift.integrators.stepping.stepping import Regular
 from kickdrift.jit.cache.notices import compiling_for
-from kickdrift.looks.columns import COLUMNS, TIME
+from kickdrift.looks.columns import COLUMNS, PRESSURE, TIME, VIRIAL
 from kickdrift.looks.looking import Looking
-from kickdrift.looks.observers import NOTHING, Taken
+from kickdrift.looks.observers import NOTHING, Hits, Taken
 from kickdrift.looks.record import BOTH, LOOKS, STEPPING
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import CHUNK_SECONDS, Integration
@@ -34,6 +34,7 @@ class Sampler:
     def __init__(self, run: Integration, stability: Stability) -> None:
         self._run, self._stability = run, stability
         self._compiled = False
+        self._hits: Hits | None = None  # at the last look
 
     def look(self, again: bool = True) -> None:
         """Sample the current state; without ``again``, do nothing if the last look was here.
@@ -46,6 +47,8 @@ class Sampler:
         if (heat := run.heat) is not None:
             record.work = getattr(run.stepper, "work", 0.0)
             record.taken = Taken(-heat - record.work, 0.0, 0.0)
+        if run.method.bounces:
+            record.taken = run.stepper.taken  # type: ignore[union-attr]
         if not new:
             if record.taken is not NOTHING:
                 looks.retake(record.taken)
@@ -57,12 +60,22 @@ class Sampler:
                 seen = False
             if not seen:
                 run.fail(inside_step=False, stopped=run.foreign and bool(run.stepper.trouble))
+            elif run.method.bounces:
+                self._press(looks.rows[looks.count])
         if not record.begun:
             flow.begin(record, y)
             record.warnings += begins_badly(run.system, y)
         safe.time, safe.step, safe.box = time, step, run.box
         if new:
             looks.keep(step, record.taken)
+
+    def _press(self, row: Floats) -> None:
+        """Add the pressure of the hits since the look before to a row, which has the pressure of the motion alone."""
+        run, hits = self._run, self._run.stepper.hits  # type: ignore[union-attr]
+        before, self._hits = self._hits, hits
+        span = hits.time - before.time if before is not None else 0.0
+        row[VIRIAL] = (hits.virial - before.virial) / span if before is not None and span > 0.0 else np.nan
+        row[PRESSURE] += row[VIRIAL] / (run.system.dimensions * run.system.volume)  # type: ignore[union-attr]
 
     # --- in series ---
 

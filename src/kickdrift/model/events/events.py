@@ -15,7 +15,7 @@ from kickdrift.model.body_checks import check_name
 from kickdrift.model.checks.arguments import checked_arguments, misfit
 from kickdrift.model.checks.limits import check_particles, check_room
 from kickdrift.model.checks.values import is_number, positive
-from kickdrift.model.events.collision import Collision, check_action, one_of
+from kickdrift.model.events.collision import Collision, check_action, check_box, one_of
 from kickdrift.model.patch import check_patch, patch_of
 from kickdrift.model.subject import Bodies, Subject, index_of
 from kickdrift.text import shown
@@ -200,8 +200,8 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
     found = _listed(events)
     for event in found:
         _check_kind(event)
-        if system.box.periodic:
-            raise InputError(f"{event.kind}: events need open space, but the box is periodic")
+        if system.box.periodic and not isinstance(event, Collision):
+            raise InputError(f"{event.kind}: needs open space, but the box is periodic; a collision does not")
         if isinstance(event, CloseApproach | Escape) and patch_of(system) is not None:
             raise InputError(f"{event.kind}: does not see the images of a shear-periodic patch; a collision does")
         if isinstance(event, CloseApproach):
@@ -213,6 +213,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             radii, patch = event.radii_in(system), patch_of(system)
             if patch is not None:
                 check_patch(event.kind, patch, radii)
+            check_box(event.kind, system, radii)
             if event.adds:
                 check_particles(f"{event.kind}: new_bodies", event.new_bodies, "bodies")
             check_action(event, system, binding(system))

@@ -192,6 +192,7 @@ class Report(ShownReport):
         if self.about.even:
             series = self.about.series
             values = values[even_looks(series.steps, series.times)]
+        values = values[np.isfinite(values)]
         error = float(block_average(values).error)
         return error if np.isfinite(error) else None
 
