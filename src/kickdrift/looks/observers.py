@@ -37,9 +37,11 @@ NOTHING = Taken(0.0, 0.0, 0.0)
 
 
 class Hits(NamedTuple):
-    """Hits of hard spheres up to a time. The virial is the sum of distance times push over the hits of spheres."""
+    """Hits of hard spheres up to a time. The virial is the sum of distance times push over the hits of spheres.
+    ``span`` is the time in which they came."""
 
     time: float
+    span: float
     spheres: int
     walls: int
     virial: float

@@ -121,6 +121,7 @@ class Record:
     equilibrated: str = ""  # how the run was equilibrated before its record began
     taken: Taken = NOTHING
     work: float = 0.0  # energy that the change of the box has given
+    hits: list[float] = field(default_factory=list)  # time and virial of the hits at the last look, of hard spheres
 
     def count(self, cost: Counted) -> None:
         """Add the cost of some steps."""
@@ -180,7 +181,9 @@ class Record:
         first, known = rows[0], ~np.isnan(rows[:, column.PAIRS])
         temperatures, pressures = rows[:, column.TEMPERATURE], rows[:, column.PRESSURE]
         volumes = rows[:, column.VOLUME]
-        begun = int(len(pressures) > 1 and np.isnan(pressures[0]))  # hard spheres have a pressure from the second look on
+        begun = int(
+            len(pressures) > 1 and np.isnan(pressures[0])
+        )  # hard spheres have a pressure from the second look on
         return Series(
             steps=steps,
             times=rows[:, column.TIME],

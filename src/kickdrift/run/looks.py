@@ -14,7 +14,7 @@ from kickdrift.integrators.stepping.stepping import Regular
 from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.columns import COLUMNS, PRESSURE, TIME, VIRIAL
 from kickdrift.looks.looking import Looking
-from kickdrift.looks.observers import NOTHING, Hits, Taken
+from kickdrift.looks.observers import NOTHING, Taken
 from kickdrift.looks.record import BOTH, LOOKS, STEPPING
 from kickdrift.model.state import Floats
 from kickdrift.run.advance import CHUNK_SECONDS, Integration
@@ -34,7 +34,6 @@ class Sampler:
     def __init__(self, run: Integration, stability: Stability) -> None:
         self._run, self._stability = run, stability
         self._compiled = False
-        self._hits: Hits | None = None  # at the last look
 
     def look(self, again: bool = True) -> None:
         """Sample the current state; without ``again``, do nothing if the last look was here.
@@ -72,9 +71,9 @@ class Sampler:
     def _press(self, row: Floats) -> None:
         """Add the pressure of the hits since the look before to a row, which has the pressure of the motion alone."""
         run, hits = self._run, self._run.stepper.hits  # type: ignore[union-attr]
-        before, self._hits = self._hits, hits
-        span = hits.time - before.time if before is not None else 0.0
-        row[VIRIAL] = (hits.virial - before.virial) / span if before is not None and span > 0.0 else np.nan
+        time, virial = run.record.hits or (hits.time, hits.virial)
+        run.record.hits = [hits.time, hits.virial]
+        row[VIRIAL] = (hits.virial - virial) / (hits.time - time) if hits.time > time else np.nan
         row[PRESSURE] += row[VIRIAL] / (run.system.dimensions * run.system.volume)  # type: ignore[union-attr]
 
     # --- in series ---

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 class EventDrivenStepper(FixedStepper):
     """Steps from hit to hit. Only the totals of the hits are carried from step to step."""
 
-    saved: ClassVar[tuple[str, ...]] = ("_start", "_cursor", "_totals")
+    saved: ClassVar[tuple[str, ...]] = ("_start", "_cursor", "_totals", "_from")
     steady = False  # a look takes the pressure since the look before, so each look is alone
 
     def __init__(self, flow: Flow, options: Options) -> None:
@@ -46,7 +46,7 @@ class EventDrivenStepper(FixedStepper):
     def reset(self, y: Floats, time: float, steps: int) -> None:
         """See Stepper."""
         super().reset(y, time, steps)
-        self._totals[:] = 0.0
+        self._totals[:], self._from = 0.0, steps
         self.trouble = ""
 
     def advance(self, steps: int, until: float = np.inf) -> int:
@@ -63,7 +63,13 @@ class EventDrivenStepper(FixedStepper):
     def hits(self) -> Hits:
         """The hits since the start."""
         totals = self._totals
-        return Hits(self.time, int(totals[HITS]), int(totals[WALL_HITS]), float(totals[VIRIAL]))
+        return Hits(
+            self.time,
+            (self.steps_done - self._from) * self.dt,
+            int(totals[HITS]),
+            int(totals[WALL_HITS]),
+            float(totals[VIRIAL]),
+        )
 
     @property
     def taken(self) -> Taken:

@@ -201,7 +201,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
     for event in found:
         _check_kind(event)
         if system.box.periodic and not isinstance(event, Collision):
-            raise InputError(f"{event.kind}: needs open space, but the box is periodic; a collision does not")
+            raise InputError(f"{event.kind}: events need open space, but the box is periodic")
         if isinstance(event, CloseApproach | Escape) and patch_of(system) is not None:
             raise InputError(f"{event.kind}: does not see the images of a shear-periodic patch; a collision does")
         if isinstance(event, CloseApproach):
