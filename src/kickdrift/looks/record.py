@@ -181,9 +181,7 @@ class Record:
         first, known = rows[0], ~np.isnan(rows[:, column.PAIRS])
         temperatures, pressures = rows[:, column.TEMPERATURE], rows[:, column.PRESSURE]
         volumes = rows[:, column.VOLUME]
-        begun = int(
-            len(pressures) > 1 and np.isnan(pressures[0])
-        )  # hard spheres have a pressure from the second look on
+        begun = int(bool(self.hits) and len(rows) > 1)  # the first look at hard spheres has no hits before it
         return Series(
             steps=steps,
             times=rows[:, column.TIME],
@@ -198,7 +196,7 @@ class Record:
             kinetics=rows[:, column.KINETIC],
             temperatures=temperatures if np.isfinite(temperatures).all() else None,
             taken=rows[:, column.ENERGY_TAKEN],
-            pressures=pressures if np.isfinite(pressures[begun:]).all() else None,
+            pressures=np.append([np.nan] * begun, pressures[begun:]) if np.isfinite(pressures[begun:]).all() else None,
             volumes=volumes if np.isfinite(volumes).all() else None,
         )
 

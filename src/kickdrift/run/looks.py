@@ -69,11 +69,12 @@ class Sampler:
             looks.keep(step, record.taken)
 
     def _press(self, row: Floats) -> None:
-        """Add the pressure of the hits since the look before to a row, which has the pressure of the motion alone."""
+        """Add the pressure of the hits since the look before to a row, which has the pressure of the motion alone. The
+        first look has no hits before it."""
         run, hits = self._run, self._run.stepper.hits  # type: ignore[union-attr]
         time, virial = run.record.hits or (hits.time, hits.virial)
         run.record.hits = [hits.time, hits.virial]
-        row[VIRIAL] = (hits.virial - virial) / (hits.time - time) if hits.time > time else np.nan
+        row[VIRIAL] = (hits.virial - virial) / (hits.time - time) if hits.time > time else 0.0
         row[PRESSURE] += row[VIRIAL] / (run.system.dimensions * run.system.volume)  # type: ignore[union-attr]
 
     # --- in series ---

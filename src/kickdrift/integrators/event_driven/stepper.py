@@ -6,12 +6,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.event_driven.loop import (
     HITS,
     PUSHED,
     TAKEN,
-    TOTALS,
     TURNED,
     VIRIAL,
     WALL_HITS,

@@ -190,9 +190,8 @@ def check_box(kind: str, system: Bodies, radii: Floats) -> None:
     room = system.box.area if flat else system.box.volume
     filled = float((np.pi * radii**2 if flat else 4.0 / 3.0 * np.pi * radii**3).sum()) / room
     if filled >= 1.0:
-        raise InputError(
-            f"{kind}: the spheres do not fit: they take {filled:.3g} times the {'area' if flat else 'volume'} of the box"
-        )
+        what = "area" if flat else "volume"
+        raise InputError(f"{kind}: the spheres do not fit: they take {filled:.3g} times the {what} of the box")
 
 
 WATER = "1000 kg/m^3"  # rho_1 of Leinhardt & Stewart 2012

@@ -30,7 +30,7 @@ Whole = NDArray[np.int64]
 
 
 class Crowd(NamedTuple):
-    """Bodies in the box or patch and images beside them: their bodies (m,), their images (numbers, m) and their ways."""
+    """Bodies in the box or patch and images beside them: their bodies (m,), images (numbers, m) and ways."""
 
     bodies: Whole
     images: Whole
