@@ -252,6 +252,8 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
         raise InputError(f"units: required key is missing; expected one of {', '.join(UNIT_SYSTEMS)}")
     units = unit_system(data["units"])
     table: schema.SystemTable = schema.checked(schema.SystemTable, data, units)
+    if not {"force", "event"} & table.model_fields_set:
+        raise InputError("force: required key is missing")
     run = run_defaults(table.run, units)
     forces = [_force(force, units, f"force[{k}]", path.parent) for k, force in enumerate(table.force)]
     frame = frame_system(table, units, path.parent)

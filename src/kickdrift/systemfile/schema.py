@@ -173,7 +173,7 @@ class SystemTable(Table):
     topology: base.TopologyTable | None = None
     constraint: list[base.ConstraintTable] = []
     virtual_site: list[base.VirtualSiteTable] = []
-    force: list[dict[str, Any]]  # each is checked against the constructor of its class
+    force: list[dict[str, Any]] = []  # each is checked against the constructor of its class
     event: list[dict[str, Any]] = []  # each is checked against the table of its type
     run: dict[str, Any] = {}  # checked against the options of the methods
     equilibrate: dict[str, Any] | None = None  # checked as [run] is

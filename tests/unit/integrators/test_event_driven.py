@@ -148,8 +148,8 @@ def test_a_restart_and_looks_keep_the_bits(tmp_path):
     for other in (resumed, silent):
         np.testing.assert_array_equal(other.state.phase, whole.state.phase)
     with kd.open(tmp_path / "whole.h5md") as one, kd.open(tmp_path / "cut.h5md") as two:
-        np.testing.assert_array_equal(one["pressure"], two["pressure"])
-        np.testing.assert_array_equal(one["energy_taken"], two["energy_taken"])
+        np.testing.assert_array_equal(one.observables["pressure"], two.observables["pressure"])
+        np.testing.assert_array_equal(one.observables["energy_taken"], two.observables["energy_taken"])
 
 
 def test_massless_spheres_pass_through_each_other():
