@@ -22,8 +22,15 @@ class Patch(NamedTuple):
     width: float
     length: float
 
-    numbers = 2  # of an image
-    moves = True  # whether images move relative to their bodies
+    @property
+    def numbers(self) -> int:
+        """How many numbers an image has."""
+        return 2
+
+    @property
+    def moves(self) -> bool:
+        """Whether images move relative to their bodies."""
+        return True
 
     @property
     def shear(self) -> float:
@@ -58,8 +65,15 @@ class BoxImages(NamedTuple):
 
     edges: Floats  # (3, 3) as rows; zeros along axes that are not periodic
 
-    numbers = 3
-    moves = False
+    @property
+    def numbers(self) -> int:
+        """See `Patch`."""
+        return 3
+
+    @property
+    def moves(self) -> bool:
+        """See `Patch`."""
+        return False
 
     def offset(self, image: Any, time: float) -> Floats:
         """Position and velocity (2, 3) of an image relative to its body; of images (3, m), (2, 3, m)."""

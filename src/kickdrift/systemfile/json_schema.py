@@ -119,6 +119,7 @@ def json_schema() -> Json:
         **{key: {"type": "array", "items": _reference(key)} for key in ("constraint", "virtual_site", "stage")},
         **{key: _reference(key) for key in ("run", "equilibrate", "topology")},
     )
+    system["anyOf"] = [{"required": ["force"]}, {"required": ["event"]}]  # hard spheres need no force
     ode = _table(schema.OdeFileTable, "system", ode=_reference("ode"), run=_reference("ode-run"))
     quantities: dict[str, Json] = {}
     tables = _shared({"particle-system": system, "ode-system": ode, **tables}, quantities)

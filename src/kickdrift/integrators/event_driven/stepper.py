@@ -37,7 +37,7 @@ class EventDrivenStepper(FixedStepper):
         system: Any = flow.subject
         spheres = spheres_of(system.events[0], system)
         desk = desk_of(spheres)
-        flow.hits = True  # type: ignore[attr-defined]
+        flow.hits = True  # type: ignore[union-attr]
         self._totals, self._losing = desk.totals, bool(system.forces) or spheres.restitution != (1.0, 0.0, 0.0)
         super().__init__(flow, hits_loop, (spheres, desk), lambda shape: np.zeros((0, *shape[1:])), options, kept=False)
 

@@ -236,7 +236,7 @@ def restitution_of(event: Collision, system: Bodies) -> tuple[float, float, floa
     return float(event.restitution), float(event.elastic_below), 0.0
 
 
-def ratio(restitution, speed):  # type: ignore[no-untyped-def]
+def ratio(restitution, speed):
     """Ratio of the normal speeds after and before a hit. Compiled code takes the same function.
 
     ``restitution`` holds a constant, the speed below which hits are elastic, and the unit of speed of frosty ice, or
