@@ -103,6 +103,7 @@ SCRIPTS = (
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
     Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
+    Script("poincare.py", "Poincaré sections of the restricted three-body problem: published islands and chaos", 40),
     Script("derivatives.py", "slopes of laws, transition matrices, transit times and their Jacobian, beside 33 digits",
            30, peers=("heyoka", "mpmath", "rebound")),
     Script("derivatives_further.py",

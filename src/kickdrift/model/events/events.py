@@ -124,12 +124,15 @@ class Crossing:
         1: g rises through zero; -1: it falls; 0: both.
     tolerance : float
         Error of the time, as a part of the step.
+    seen : callable, optional
+        ``seen(t, x, v)``, or ``seen(t, y)`` for a Problem, is called at each zero with the state there.
     """
 
     function: Callable[..., Any] | Between
     name: str
     direction: int = 0
     tolerance: float = 1e-13
+    seen: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.name, str) and self.name:
@@ -138,6 +141,8 @@ class Crossing:
             raise InputError(f"crossing: name must be text of 1 to {NAME_BYTES} bytes, got {shown(self.name)}")
         if not (callable(self.function) or isinstance(self.function, Between)):
             raise InputError(f"crossing {self.name!r}: function must be callable, got {shown(self.function)}")
+        if not (self.seen is None or callable(self.seen)):
+            raise InputError(f"crossing {self.name!r}: seen must be callable, got {shown(self.seen)}")
         if self.direction not in (-1, 0, 1):
             raise InputError(f"crossing {self.name!r}: direction must be -1, 0 or 1, got {shown(self.direction)}")
         if not (is_number(self.tolerance) and 0 < self.tolerance < 1):
