@@ -14,6 +14,7 @@ export class Moments {
     this.count = 0;
     this.ranges = {};
     this.turn = Promise.resolve();
+    this.present = null; // {places (3 n), speeds (n)} that stand for the frame that is shown
   }
 
   /** Adds the moments of a chunk, after the chunks that were added before. */
@@ -79,6 +80,10 @@ export class Moments {
 
   /** Writes the places of frame k, less a shift, into `out` (3 n); nan for a body that is not there. */
   places(k, shift, out) {
+    if (this.present) {
+      for (let i = 0; i < out.length; i++) out[i] = this.present.places[i] - shift[i % 3];
+      return;
+    }
     const [chunk, j] = this.at(k), {origin, matrix: m} = this.cell(k);
     const n = this.particles, level = chunk.positions, begin = 3 * n * j;
     const most = level.BYTES_PER_ELEMENT === 4 ? 4294967295 : 65535;
@@ -98,6 +103,7 @@ export class Moments {
 
   /** The place of one body at frame k. */
   place(k, i) {
+    if (this.present) return Array.from(this.present.places.subarray(3 * i, 3 * i + 3));
     const [chunk, j] = this.at(k), {origin, matrix: m} = this.cell(k);
     const n = this.particles, begin = 3 * n * j + i;
     const most = chunk.positions.BYTES_PER_ELEMENT === 4 ? 4294967295 : 65535;
@@ -110,6 +116,11 @@ export class Moments {
   /** Writes values for a colour at frame k into `out` (n), as parts of the range over all frames. */
   parts(name, k, out) {
     const [chunk, j] = this.at(k), n = this.particles;
+    if (this.present && name === "speed") {
+      const {low, high} = this.ranges.speed;
+      for (let i = 0; i < n; i++) out[i] = (this.present.speeds[i] - low) / (high - low || 1);
+      return out;
+    }
     if (name === ENERGY) return this.energies(k, out);
     const here = chunk.values[name], whole = this.ranges[name];
     if (!here) return out.fill(0);

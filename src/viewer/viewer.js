@@ -8,6 +8,7 @@
 //   view.append(chunk)        adds the moments of a chunk (Stage.chunk in Python) and returns a promise. With {live: true},
 //                             a view at its last frame moves on to the new last frame.
 //   view.addCurves(curves)    adds points to the curves of these names (kickdrift.view.packing.curve), or new curves
+//   view.show(places, speeds) shows these places (3 n) and speeds (n) in the frame's stead, for a run inside the page
 //   view.say(text)            shows a line of status beside the title, such as a rate and the time left
 //   view.setFrame(k)          shows frame k
 //   view.frame, view.count    the number of the frame that is shown, and how many frames there are
@@ -188,6 +189,12 @@ class View {
     if (this.gone) return;
     for (const box of this.controls.panel.querySelectorAll(".curve")) box.classList.add("card");
     this.themed(this.theme);
+  }
+
+  show(places, speeds) {
+    this.moments.present = {places, speeds};
+    this.controls.clock.parentElement.classList.add("hidden");
+    this.setFrame(this.frame);
   }
 
   say(text) { this.controls.status.textContent = text; }

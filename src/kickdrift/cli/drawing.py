@@ -207,18 +207,17 @@ def view(
 
 
 def page(
-    name: Annotated[str, argument("PAGE", "A page's name: which-integrator, stability or chaos.")],
+    name: Annotated[str, argument("PAGE", "which-integrator, stability, chaos or liquid; or a system's file or name.")],
     output: Annotated[Path | None, option("FILE.html", "Default: PAGE.html here.", "--output", "-o")] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Write one HTML page that computes in a browser, without Python or a network: kickdrift's own step loops,
     compiled to WebAssembly. It needs the linker of Debian's lld or PyPI's ziglang."""
-    from kickdrift.pages.page import check_name, write_page
+    from kickdrift.pages.page import write_page
 
-    check_name(name)
     with progress_bar(quiet):
-        out(str(write_page(name, output or Path(f"{name}.html"), overwrite=overwrite)))
+        out(str(write_page(name, output or Path(f"{Path(name).stem}.html"), overwrite=overwrite)))
 
 
 def has_display() -> bool:

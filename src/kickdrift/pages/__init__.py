@@ -1,3 +1,3 @@
 """Pages that compute: kickdrift's own step loops as WebAssembly, in one HTML file that any browser runs.
 
-It imports from the layers above `cli`. The command line uses `write_page`, `PAGES` and `check_page`."""
+It imports from the layers above `cli`. The command line uses `write_page`."""

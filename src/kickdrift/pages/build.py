@@ -14,11 +14,11 @@ def main() -> None:
     """Lower the loops of the page that the command line names."""
     own_process()
     from kickdrift.pages.module import Module
-    from kickdrift.pages.shipped import PAGES
+    from kickdrift.pages.shipped import page_of
 
     module = Module()
     try:
-        runs = PAGES[sys.argv[1]].runs(module)
+        runs = page_of(sys.argv[1]).runs(module)
         made = {**module.written(), "runs": runs}
     except KickdriftError as error:
         sys.exit(str(error))

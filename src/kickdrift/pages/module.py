@@ -1,17 +1,20 @@
 """A module of WebAssembly with the step loops of some methods, and the memory that they work on."""
 
 import base64
+import zlib
 from collections.abc import Callable, Sequence
 from inspect import signature
 from typing import Any
 
 import numpy as np
-from numba import typeof
+from numba import typeof, types
 
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.table import SLOTS, measure
 from kickdrift.forces.equations.code import PARAMETERS, SIGNATURE, Given, caller
 from kickdrift.forces.equations.equation import right_hand_side
+from kickdrift.forces.lists.clusters import BUILT
+from kickdrift.jit import handle
 from kickdrift.jit.compile import FAST_MATH
 from kickdrift.jit.handle import Bound
 from kickdrift.model.problem import Partial, Problem
@@ -32,15 +35,33 @@ class Module:
     """
 
     def __init__(self) -> None:
-        self._image = Image()
+        self._image = image = Image()
         self._texts: list[Any] = []
         self._glue: list[str] = []
         self._exported: list[str] = []
         self._known: dict[Any, str] = {}  # names of functions
+        self._spreads: list[Any] = []  # sqrt(k_B T / m) of the baths of the stepper that is made now
         Bound._compiled = lambda bound, parts: self._bind(bound, parts)  # type: ignore[method-assign, assignment]
 
+        class Callback:
+            """Stands for numba's CFunc: a function that compiled code calls by its address on the page."""
+
+            def __init__(made, function: Any, signature: Any, *_: Any) -> None:
+                kinds, returned = signature
+                silent = returned == types.void
+                name = self._function(made, "code", function, kinds, silent, fastmath=FAST_MATH)
+                made.address = _FIRST + 2 * len(image.places)
+                image.places[made.address] = name
+
+            def compile(made) -> None:
+                """Nothing is left to do."""
+
+        handle.CFunc = Callback
+
     def runs(self, subject: System | Problem, stepper: Any) -> dict[str, Any]:
-        """What a page needs to run a subject by a stepper at its start: calls of its steps and energy, and y."""
+        """What a page needs to run a subject by a stepper at its start: calls of its steps and energy, and y.
+
+        For particles, also their masses, what tells that a list is made, and sqrt(k_B T / m) of heat baths."""
         if isinstance(subject, Problem):
             self._equation(subject)
         if stepper.compiled_steps is None:
@@ -53,7 +74,10 @@ class Module:
             return {**given, "energy": self._energy(subject, y)}
         places = np.zeros(y.shape[1:]), np.zeros(3), np.zeros(SLOTS, np.int64)
         energy = self._call(measure, (table, 0.0, y, *places))
-        return {**given, "energy": energy, "masses": subject.state.masses.tolist()}
+        lists = [self._image.array(force.pairs.counts[BUILT:]) for force in forces.forces if hasattr(force, "pairs")]
+        baths = [(self._image.array(spread), len(spread)) for spread in self._spreads]
+        self._spreads.clear()
+        return {**given, "energy": energy, "masses": subject.coherent_masses.tolist(), "lists": lists, "baths": baths}
 
     def written(self) -> dict[str, Any]:
         """The module as plain texts and numbers, for JSON."""
@@ -62,18 +86,25 @@ class Module:
         glue = [*self._glue, f"@{TABLE} = constant [{len(calls)} x ptr] [{', '.join(f'ptr {each}' for each in calls)}]"]
         code = machine_code(self._texts, "\n".join(glue), [TABLE, *self._exported])
         wasm = linked(code, [TABLE, *self._exported], len(self._image.bytes))
-        names = list(self._known.values())
+        names, pieces = list(self._known.values()), self._image.pieces()
         return {
             "wasm": _text(wasm),
-            "memory": [[place, _text(piece)] for place, piece in self._image.pieces()],
+            "memory": {
+                "pieces": [[place, len(piece)] for place, piece in pieces],
+                "data": _text(b"".join(piece for _, piece in pieces)),
+            },
             "calls": [[place, names.index(name)] for place, name in self._image.calls],
             "functions": names,
         }
 
     # -- functions
 
-    def _function(self, key: Any, prefix: str, function: Callable[..., Any], kinds: Sequence[Any], **flags: Any) -> str:
-        """Name of a function of the page for arguments of these types. It returns a status, -1 for an exception."""
+    def _function(
+        self, key: Any, prefix: str, function: Callable[..., Any], kinds: Sequence[Any], silent: bool = False,
+        **flags: Any,
+    ) -> str:  # fmt: skip
+        """Name of a function of the page for arguments of these types. It returns a status, -1 for an exception, or
+        nothing if it is ``silent``."""
         if key not in self._known:
             name = self._known[key] = f"{prefix}{len(self._known)}"
             made = lowered(function, kinds, **flags)
@@ -81,11 +112,11 @@ class Module:
             self._texts.append(made)
             self._glue += [
                 f'declare i32 @"{made.name}"({", ".join(("ptr", "ptr", *made.kinds))})',
-                f"define i64 @{name}({given}) {{",
+                f"define {'void' if silent else 'i64'} @{name}({given}) {{",
                 "  %result = alloca i64\n  %error = alloca ptr\n  store i64 0, ptr %result",
                 f'  %code = call i32 @"{made.name}"(ptr %result, ptr %error{", " * bool(given)}{given})',
                 "  %status = load i64, ptr %result\n  %good = icmp eq i32 %code, 0",
-                "  %found = select i1 %good, i64 %status, i64 -1\n  ret i64 %found\n}",
+                "  ret void\n}" if silent else "  %found = select i1 %good, i64 %status, i64 -1\n  ret i64 %found\n}",
             ]
         return self._known[key]
 
@@ -118,6 +149,8 @@ class Module:
         made = type(bound)(parts)
         made.address, made.work = (_FIRST + 2 * len(self._image.places) + k for k in range(2))
         self._image.places[made.address], self._image.places[made.work] = name, parts
+        if hasattr(parts, "bath"):
+            self._spreads.append(parts.bath.spread)
         return made
 
     def _caller(self, problem: Problem, function: Any, outputs: int, prefix: str) -> str:
@@ -149,4 +182,4 @@ class Module:
 
 
 def _text(data: bytes) -> str:
-    return base64.b64encode(data).decode("ascii")
+    return base64.b64encode(zlib.compress(data, 9)).decode("ascii")

@@ -14,9 +14,8 @@ from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.errors import InputError
 from kickdrift.pages.linking import linker
 from kickdrift.pages.lowering import PLAIN_PROCESSOR
-from kickdrift.pages.shipped import PAGES
-from kickdrift.text import shown
-from kickdrift.view.page import POLICY, as_json
+from kickdrift.pages.shipped import page_of
+from kickdrift.view.page import POLICY, as_json, bundle
 
 # WebAssembly is compiled in the page, and nothing else that a script could make
 POLICY_OF_PAGES = POLICY.replace("script-src 'unsafe-inline'", "script-src 'unsafe-inline' 'wasm-unsafe-eval'")
@@ -38,21 +37,15 @@ TEXT = """\
 <details><summary>The same in Python</summary><pre id="python"></pre></details>
 <footer>The loops in this page are those of kickdrift, compiled to WebAssembly. Nothing is loaded or sent.</footer>
 <script type="application/json" id="module">{module}</script>
-<script type="module">{script}</script>
+{viewer}<script type="module">{script}</script>
 </body>
 </html>
 """
 
 
-def check_name(name: str) -> None:
-    """Raise InputError unless a page has this name."""
-    if name not in PAGES:
-        raise InputError(f"page {shown(name)} is unknown; pages: {', '.join(PAGES)}")
-
-
 def built(name: str) -> dict[str, Any]:
     """Module of a page as plain texts and numbers. Raises InputError if there is no such page or no linker."""
-    check_name(name)
+    page_of(name)
     linker()
     command = [sys.executable, "-P", "-m", "kickdrift.pages.build", name]  # -P: no module of the present folder
     done = subprocess.run(command, env=os.environ | PLAIN_PROCESSOR, capture_output=True, text=True)
@@ -67,25 +60,27 @@ def write_page(name: str, output: str | os.PathLike[str], *, overwrite: bool = F
 
     Parameters
     ----------
-    name : one of `PAGES`
+    name : one of `PAGES`, the name of a shipped system of particles, or the path of a system file
     output : path that ends in .html
     overwrite : replace a page that kickdrift wrote
 
     Raises
     ------
     InputError
-        For an unknown page, an existing file, and a missing linker. Nothing is written.
+        For an unknown page, a system that a page cannot hold, an existing file, and a missing linker. Nothing is
+        written.
     """
-    check_name(name)
+    page = page_of(name)
     target = checked_target(output, PAGE, overwrite, [])
-    page = PAGES[name]
     scripts = "\n".join(_asset(each).replace("export ", "") for each in ("runtime.js", "drawing.js", page.script))
+    shown = page.shown() if page.shown else {}
     text = TEXT.format(
         policy=POLICY_OF_PAGES,
         title=html.escape(page.title),
         about=html.escape(page.about),
         style=_asset("page.css"),
-        module=as_json({**built(name), "python": page.python}),
+        module=as_json({**built(name), "python": page.python, **shown}),
+        viewer=f'<script type="module">{bundle()}</script>\n' if shown else "",
         script=scripts,
     )
     with written_whole(target, PAGE, overwrite=overwrite) as part:

@@ -1,10 +1,13 @@
 """The pages that ship: what each one runs, and what it says."""
 
 import math
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
+from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flows.problem_flow import ProblemFlow
 from kickdrift.integrators.options import Options
@@ -14,6 +17,9 @@ from kickdrift.integrators.splitting.stormer import Stormer
 from kickdrift.model.problem import Problem
 from kickdrift.odes import ODES
 from kickdrift.pages.module import Module
+from kickdrift.pages.particles import liquid_runs, page_system, shown_system, system_runs
+from kickdrift.systemfile.files import is_shipped
+from kickdrift.text import shown, suggestion
 
 STEP = 0.1
 COMPARED = ("harmonic-oscillator", "pendulum", "kepler")
@@ -29,6 +35,7 @@ class Page(NamedTuple):
     script : its file in ``assets``
     runs : a function of a `Module` that returns what the page runs, by name
     python : lines that do the same in Python
+    shown : returns what the script knows beside the runs, such as a scene for the viewer
     """
 
     title: str
@@ -36,6 +43,7 @@ class Page(NamedTuple):
     script: str
     runs: Callable[[Module], dict[str, Any]]
     python: str
+    shown: Callable[[], dict[str, Any]] | None = None
 
 
 def fixed_step_methods() -> dict[str, Any]:
@@ -120,6 +128,9 @@ def _stepper(problem: Problem, method: Any, dt: float = STEP) -> tuple[Problem, 
     return problem, stepper
 
 
+SIMULATION = """\
+sim = kd.Simulation(system, "{method}", dt={dt}{options})
+print(sim.run({steps}, every={every}).energy)"""
 PAGES = {
     "which-integrator": Page(
         "Which integrator?",
@@ -155,4 +166,35 @@ PAGES = {
         "sim.run(until={time})\n"
         "print(sim.state.y)",
     ),
+    "liquid": Page(
+        "A liquid",
+        "1000 Lennard-Jones particles that move while you change temperature, cutoff, heat bath and step.",
+        "particles.js",
+        liquid_runs,
+        "import kickdrift as kd\n"
+        "\n"
+        'system = kd.load("lj-1000").with_forces(kd.LennardJones(cutoff={cutoff}, truncation="shift"))\n' + SIMULATION,
+        partial(shown_system, "lj-1000"),
+    ),
 }
+
+
+def page_of(name: str) -> Page:
+    """The page of this name, or of a system: a file's path or the name of a shipped one.
+
+    Raises InputError for an unknown name, and for a system that a page cannot hold."""
+    if name in PAGES:
+        return PAGES[name]
+    if not (is_shipped(name) or os.path.exists(name)):
+        raise InputError(
+            f"page {shown(name)} is unknown{suggestion(name, PAGES)}; pages: {', '.join(PAGES)}, or a system"
+        )
+    system = page_system(name)
+    return Page(
+        system.name,
+        f"{len(system):,} particles that move while you change method and step.",
+        "particles.js",
+        partial(system_runs, name),
+        f"import kickdrift as kd\n\nsystem = kd.load({name!r})\n" + SIMULATION,
+        partial(shown_system, name),
+    )

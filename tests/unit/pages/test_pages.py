@@ -20,6 +20,7 @@ from kickdrift.pages.linking import BASE, MISSING
 from kickdrift.pages.lowering import PLAIN_PROCESSOR
 from kickdrift.pages.page import built, write_page
 from kickdrift.pages.shipped import PAGES, STEP, double_pendulum
+from kickdrift.view.page import bundle
 from tests.processes import python
 
 STEPS = 1000
@@ -39,8 +40,24 @@ print(json.dumps(found))
 
 
 def test_an_unknown_page_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"page 'liquid' is unknown; pages: which-integrator, stability, chaos"):
-        write_page("liquid", tmp_path / "page.html")
+    with pytest.raises(
+        InputError, match=r"page 'gas' is unknown; pages: which-integrator, stability, chaos, liquid, or a"
+    ):
+        write_page("gas", tmp_path / "page.html")
+
+
+WRONG = {
+    "copper-864": "page 'copper-864': force 'eam' stays outside; a page holds pair laws, gravity and laws of fields",
+    "ode-arenstorf": "page 'ode-arenstorf': has equations, and a page of one's own holds particles",
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_system_that_a_page_cannot_hold_is_refused_with_its_reason(name, tmp_path):
+    with pytest.raises(InputError) as error:
+        write_page(name, tmp_path / "page.html")
+    assert str(error.value) == WRONG[name]
+    assert not list(tmp_path.iterdir())
 
 
 def test_without_a_linker_the_error_says_what_to_install(tmp_path, monkeypatch):
@@ -77,7 +94,7 @@ def test_ready_pages_are_small_and_load_nothing(name):
     text = path.read_text(encoding="utf-8")
     assert path.stat().st_size < 1_000_000
     assert "default-src 'none'" in text
-    assert "http" not in text.replace('http-equiv="', "")
+    assert "http" not in text.replace('http-equiv="', "").replace(bundle(), "")
 
 
 SHOWN = {  # values for the lines in Python
@@ -90,6 +107,7 @@ SHOWN = {  # values for the lines in Python
         "method": "'rk4', dt=0.1",
         "time": 1,
     },
+    "liquid": {"cutoff": "2.5", "method": "velocity-verlet", "dt": 0.004, "options": "", "steps": 20, "every": 10},
 }
 
 
@@ -127,6 +145,32 @@ def in_node(name, tmp_path):
     return json.loads(done.stdout)
 
 
+BROWSED = """<!DOCTYPE html><meta charset="utf-8"><body></body><script type="module">
+%s
+const found = {};
+for (const [name, run] of Object.entries(await load(%s))) {
+  run.reset();
+  run.advance(%d);
+  found[name] = Array.from(run.y);
+}
+document.body.textContent = JSON.stringify(found);
+</script>"""
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+
+def in_browser(folder):
+    """States in a browser after STEPS steps, of the module that ``in_node`` left in the folder."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip("needs Chromium")
+    page, runtime = folder / "page.html", (folder / "runtime.mjs").read_text(encoding="utf-8")
+    module = (folder / "module.json").read_text().replace("<", "\\u003c")
+    page.write_text(BROWSED % (runtime.replace("export ", ""), module, STEPS), encoding="utf-8")
+    options = "--headless=new", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=600000", "--dump-dom"
+    done = subprocess.run([browser, *options, page.as_uri()], capture_output=True, text=True, check=True, timeout=300)
+    return json.loads(done.stdout.partition("<body>")[2].partition("</body>")[0])
+
+
 @pytest.mark.long
 def test_states_in_node_are_those_of_this_machine(tmp_path):
     found = in_node("which-integrator", tmp_path)
@@ -144,6 +188,37 @@ def test_states_in_node_are_those_of_this_machine(tmp_path):
         energy = ODES[problem]().energy(0.0, np.array(found[name]["y"]))
         assert math.isclose(found[name]["energy"], energy, rel_tol=1e-12)
         assert found[name]["evaluations"] >= STEPS * INTEGRATORS[method].evaluations
+
+
+LIQUID = """
+import json
+import kickdrift as kd
+from kickdrift.pages.particles import CUTOFFS, FRICTION
+found = {}
+for cutoff in CUTOFFS:
+    system = kd.load("lj-1000").with_forces(kd.LennardJones(cutoff=cutoff, truncation="shift"))
+    for name, options in (("velocity-verlet", {}), ("baoab", {"temperature": 1.0, "friction": FRICTION})):
+        sim = kd.Simulation(system, name, dt=system.run.dt, **options)
+        sim.run(STEPS)
+        found[f"{name} {cutoff}"] = sim.state.phase.ravel().tolist()
+print(json.dumps(found))
+"""
+
+
+@pytest.mark.long
+def test_the_liquid_has_the_bits_of_this_machine_in_node_and_in_a_browser(tmp_path):
+    """Its pair lists, noise and cutoffs too; 1000 steps."""
+    found = in_node("liquid", tmp_path)
+    native = python(f"STEPS = {STEPS}\n" + LIQUID, **PLAIN_PROCESSOR)
+    assert native.returncode == 0, native.stderr
+    states = json.loads(native.stdout)
+    assert set(found) == set(states)
+    for name, y in states.items():
+        assert found[name]["status"] == 0
+        assert found[name]["y"] == y, name
+    shown = in_browser(tmp_path)
+    for name, y in states.items():
+        assert shown[name] == y, name
 
 
 @pytest.mark.long

@@ -139,10 +139,10 @@ export async function begin(page) {
   theme.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
   try {
     const given = JSON.parse(document.getElementById("module").textContent);
-    const redraw = page(root, await load(given), (values) => {
+    const redraw = await page(root, await load(given), (values) => {
       const text = given.python.replace(/\{(\w+)\}/g, (_, name) => values[name]);
       document.getElementById("python").textContent = text;
-    });
+    }, given);
     document.getElementById("theme").addEventListener("click", () => {
       theme.theme = theme.theme === "dark" ? "light" : "dark";
       redraw();

@@ -2,20 +2,57 @@
 "use strict";
 
 const BASE = 1 << 20; // where a page's own memory begins
+const PAGE = 1 << 16, SCRATCH = 256, AT_ONCE = 50; // bytes of a page of memory, pages for arrays of compiled code, and steps that share them
+const RECORD = 32, AT = 16; // bytes of numba's record of an array, and where the array's address is
 const EVALUATIONS = 0, STEP = 1; // slots of the cursor; see integrators/stepping/loops.py
 
-/** Bytes of a text in base64. */
-function bytes(text) {
-  return Uint8Array.from(atob(text), (each) => each.charCodeAt(0));
+/** Bytes of a text in base64, which are compressed. */
+async function bytes(text) {
+  const packed = new Blob([Uint8Array.from(atob(text), (each) => each.charCodeAt(0))]);
+  const stream = packed.stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
 /** Functions that compiled code imports. Sines and powers are the browser's own, within one unit in the last place;
  * all else would be an error in Python, and does not happen in a page. `memory` gives the page's memory later. */
-function imports(module, memory) {
-  const own = { fmod: (x, y) => x % y, exp2: (x) => 2 ** x, numba_attempt_nocopy_reshape: reshape(memory) };
+function imports(module, memory, scratch) {
+  const own = {
+    fmod: (x, y) => x % y, exp2: (x) => 2 ** x, numba_attempt_nocopy_reshape: reshape(memory), __multi3: multiply(memory),
+    NRT_MemInfo_alloc_aligned: (size, alignment) => scratch.array(Number(size), Number(alignment)),
+  };
   const missing = (name) => () => { throw new Error(`a page has no function ${name}`); };
   const names = WebAssembly.Module.imports(module).map(({ name }) => name);
   return { env: Object.fromEntries(names.map((name) => [name, own[name] ?? Math[name] ?? missing(name)])) };
+}
+
+/** The product of two whole numbers of 128 bits, each in halves. */
+function multiply(memory) {
+  return (place, a, high, b, higher) => {
+    const whole = (low, up) => (up << 64n) + BigInt.asUintN(64, low), product = whole(a, high) * whole(b, higher);
+    const view = new DataView(memory());
+    view.setBigUint64(place, BigInt.asUintN(64, product), true);
+    view.setBigUint64(place + 8, BigInt.asUintN(64, product >> 64n), true);
+  };
+}
+
+/** Arrays that compiled code makes for itself. All of them end with the call that made them. */
+class Scratch {
+  constructor(memory) {
+    this.memory = memory;
+    this.begin = memory.grow(SCRATCH) * PAGE;
+    this.clear();
+  }
+
+  clear() { this.end = this.begin; }
+
+  /** Address of numba's record of a new array: the array's address is in it. */
+  array(size, alignment) {
+    const align = Math.max(alignment, 16), place = Math.ceil((this.end + RECORD) / align) * align;
+    this.end = place + size;
+    if (this.end > this.begin + SCRATCH * PAGE) throw new Error("compiled code needs more memory than a page gives it");
+    new DataView(this.memory.buffer).setUint32(place - RECORD + AT, place, true);
+    return place - RECORD;
+  }
 }
 
 /** numba's strides of an array in another shape, for contiguous arrays. */
@@ -33,17 +70,20 @@ function reshape(memory) {
 /** A module of WebAssembly, ready to run. */
 export async function load(given) {
   let compiled;
+  const [code, memory] = await Promise.all([bytes(given.wasm), bytes(given.memory.data)]);
   try {
-    compiled = await WebAssembly.compile(bytes(given.wasm));
+    compiled = await WebAssembly.compile(code);
   } catch {
     throw new Error("This page needs a browser with WebAssembly SIMD: Chrome 91, Firefox 89, Safari 16.4 or later.");
   }
-  const { exports } = await WebAssembly.instantiate(compiled, imports(compiled, () => exports.memory.buffer));
+  const needs = imports(compiled, () => exports.memory.buffer, { array: (...size) => exports.scratch.array(...size) });
+  const exports = { ...(await WebAssembly.instantiate(compiled, needs)).exports };
   if (exports.__heap_base.value > BASE) throw new Error("the constants of this page are too large");
-  const table = new Int32Array(exports.memory.buffer, exports.functions.value, given.functions.length);
-  const memory = new Uint8Array(exports.memory.buffer);
-  const view = new DataView(exports.memory.buffer);
-  for (const [place, text] of given.memory) memory.set(bytes(text), BASE + place);
+  exports.scratch = new Scratch(exports.memory);
+  const buffer = exports.memory.buffer, all = new Uint8Array(buffer), view = new DataView(buffer);
+  const table = new Int32Array(buffer, exports.functions.value, given.functions.length);
+  let read = 0;
+  for (const [place, size] of given.memory.pieces) all.set(memory.subarray(read, (read += size)), BASE + place);
   for (const [place, number] of given.calls) view.setBigInt64(place, BigInt(table[number]), true);
   const index = Object.fromEntries(given.functions.map((name, k) => [name, table[k]]));
   const runs = {};
@@ -55,6 +95,7 @@ export async function load(given) {
 class Call {
   constructor(exports, index, { name, args, kinds, at }) {
     this.function = exports[name];
+    this.scratch = exports.scratch;
     this.kinds = kinds;
     this.at = at;
     this.args = args.map((value, k) => this.number(k, typeof value === "string" ? index[value] : value));
@@ -74,6 +115,7 @@ class Call {
   }
 
   run() {
+    this.scratch.clear();
     return Number(this.function(...this.args));
   }
 }
@@ -93,6 +135,9 @@ export class Run {
       this.sums = new Float64Array(buffer, place, 1);
     }
     this.masses = given.masses;
+    this.lists = (given.lists ?? []).map((place) => new BigInt64Array(buffer, place, 1));
+    this.baths = (given.baths ?? []).map(([place, count]) => new Float64Array(buffer, place, count));
+    this.spreads = this.baths.map((spread) => Float64Array.from(spread)); // at the temperature of `given`
     this.start = Float64Array.from(this.y);
     this.done = 0;
     this.dt = given.dt;
@@ -102,19 +147,29 @@ export class Run {
   reset(y = this.start, dt = this.dt) {
     this.y.set(y);
     this.cursor.fill(0n);
+    for (const made of this.lists) made[0] = 0n;
     this.dt = dt;
     this.steps.set("dt", dt);
     this.done = 0;
     this.status = 0;
   }
 
+  /** Give the heat baths another temperature. */
+  set temperature(value) {
+    const factor = Math.sqrt(value / this.given.options.temperature);
+    this.baths.forEach((spread, k) => spread.forEach((_, i) => { spread[i] = factor * this.spreads[k][i]; }));
+  }
+
   /** Take steps; return 0, or a status other than 0 if y is no longer finite. */
   advance(count) {
-    this.steps.set("first", this.done);
-    this.steps.set("steps", count);
-    this.status = this.steps.run();
-    this.done += Number(this.cursor[STEP]);
-    this.cursor[STEP] = 0n;
+    const most = this.masses ? AT_ONCE : count;
+    for (let left = count; left > 0 && !this.status; left -= most) {
+      this.steps.set("first", this.done);
+      this.steps.set("steps", Math.min(left, most));
+      this.status = this.steps.run();
+      this.done += Number(this.cursor[STEP]);
+      this.cursor[STEP] = 0n;
+    }
     return this.status;
   }
 
