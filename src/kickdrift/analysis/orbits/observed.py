@@ -97,9 +97,8 @@ def sky_offsets(
     ``north`` is a direction, of which the part in the plane of the sky counts; default x, so that y is east for an
     observer along +z. The offset is from the body ``about``, by default from the barycentre. With a ``distance`` from
     the observer to the system, a number or a text such as "10 pc", the offsets are in arcseconds, else in the system's
-    unit of length. Light takes the way from ``body``; the
-    body ``about`` is seen at the same time of departure. The other parameters and the errors are those of
-    ``radial_velocities``.
+    unit of length. Light takes the way from ``body``; the body ``about`` is seen at the same time of departure. The
+    other parameters and the errors are those of ``radial_velocities``.
     """
     sight, up = unit_vector("direction", direction), unit_vector("north", north)
     up = up - (up @ sight) * sight

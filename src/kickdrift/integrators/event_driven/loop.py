@@ -25,15 +25,8 @@ from kickdrift.model.state import Floats
 NOTHING, PASSAGE, WALL = -1, -2, -10  # kinds of events; a partner is 0 or more, a wall is WALL less its number
 FAR = 1e15  # edges from the origin, beyond which a place is lost
 MOST_HITS = 1000  # at one time: spheres at rest on each other would hit for ever
-HITS, WALL_HITS, VIRIAL, TAKEN, PUSHED, TURNED = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    7,
-)  # places in the totals; three numbers each from PUSHED
-TOTALS = 10
+# Places in the totals; three numbers each from PUSHED on.
+HITS, WALL_HITS, VIRIAL, TAKEN, PUSHED, TURNED, TOTALS = 0, 1, 2, 3, 4, 7, 10
 
 ratio_of = as_written(ratio)
 
