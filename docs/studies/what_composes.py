@@ -57,6 +57,7 @@ REASONS = {  # words by the text of a refusal
     r"such a box takes other edges": "its places belong to the edges",
     r"needs a rectangular box": "a leaning box keeps its shape",
     r"returns its virial as one number|give only their whole virial": "the virial is one number",
+    r"has unknowns beside the bodies|beside: takes neither mixed": "the force has unknowns",
     r"takes neither mixed precision nor a barostat": "spins turn in open space",
     r"mixed needs pair forces": "no pairs to sum",
     r"(ASE|LAMMPS|OpenMM|rebound) (takes|has no)|rebound: |force '.*': ": "the program lacks this force",

@@ -149,6 +149,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "Beside",
     "Body",
     "BornMayerHuggins",
     "Box",
@@ -342,6 +343,18 @@ def _to_toml(*given: Any) -> Any:
     return to_toml(*given)
 
 
+def _in_units(*given: Any) -> Any:
+    from kickdrift.systemfile.converting import in_units
+
+    return in_units(*given)
+
+
+def _to_lammps(*given: Any) -> Any:
+    from kickdrift.engines.lammps_input import to_lammps
+
+    return to_lammps(*given)
+
+
 def _frame(*given: Any) -> Any:
     from kickdrift.trajectory.read.starting import start_at
 
@@ -349,7 +362,10 @@ def _frame(*given: Any) -> Any:
 
 
 BRIDGES.update(ase=_ase, lammps=_lammps, MDAnalysis=_mdanalysis, openmm=_openmm, rebound=_rebound)
-SYSTEM_FILES.update(from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml, frame=_frame)
+SYSTEM_FILES.update(
+    from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml, frame=_frame, in_units=_in_units,
+    to_lammps=_to_lammps,
+)  # fmt: skip
 
 
 def _loader(module: str, name: str) -> Callable[[], Any]:

@@ -194,6 +194,7 @@ CASES = [
     ("lammps", silicon_of_tersoff, CRYSTAL | {"processes": 2}),
     ("lammps", bonded_silicon, CRYSTAL),
     ("lammps", lambda: truncated("force-shift"), MD),
+    ("lammps", lambda: liquid(forces=[kd.Mie(n=14.0, m=7.0, cutoff=2.4)]), MD),
     ("lammps", held, MD),
     ("lammps", walled, MD),
     ("lammps", between_mirrors, MD),

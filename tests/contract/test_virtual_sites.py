@@ -9,6 +9,7 @@ import kickdrift as kd
 from kickdrift.analysis.certify import force_tests
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.model.starts.builders import check_overlaps
 
 COUNT, EDGE, CUTOFF, DT = 27, 12.6, 6.0, 0.001
 MASSES = (15.9994, 1.008, 1.008, 0.0)
@@ -60,6 +61,18 @@ def water(**given) -> kd.System:
 
 def energy_at(system: kd.System, x: np.ndarray, bound: BoundForces) -> float:
     return bound.measure(0.0, np.array([x, system.state.phase[1]])).potential
+
+
+def test_a_site_may_be_near_and_a_particle_may_not():
+    """TIP5P's lone pairs come near hydrogen of other molecules."""
+    x = np.array([[1.0, 1.0, 1.0], [5.0, 1.0, 1.0], [1.0, 5.0, 1.0], [4.0, 1.0, 1.0], [4.0, 1.3, 1.0]])
+    alone = [kd.LennardJones(EPSILON, SIGMA, cutoff=CUTOFF)]
+    site = kd.VirtualSite(3, (0, 1), (0.25, 0.75))
+    check_overlaps(
+        kd.System(x, masses=[16.0, 16.0, 16.0, 0.0, 16.0], forces=alone, units="metal", virtual_sites=[site])
+    )
+    with pytest.raises(InputError, match=r"particles 3 and 4 overlap: distance 0\.3 angstrom"):
+        check_overlaps(kd.System(x, masses=16.0, forces=alone, units="metal"))
 
 
 @pytest.mark.parametrize("normal", [0.0, 0.4])

@@ -17,6 +17,21 @@ def pull(positions: np.ndarray, velocities: np.ndarray, time: float, box: Any) -
     return -0.1 * positions, 0.05 * float(np.sum(positions**2)), 0.0
 
 
+def steady(t: float, y: Any, bodies: Any) -> Any:
+    """A stiffness that stays."""
+    return 0.0 * y
+
+
+def stiffen(t: float, y: Any, bodies: Any, a: Any) -> float:
+    """A harmonic trap whose stiffness is an unknown; returns the energy."""
+    energy = 0.0
+    for i in range(bodies.m.size):
+        for k in range(3):
+            a[k, i] -= y[0] * bodies.x[k, i]
+            energy += 0.5 * y[0] * bodies.m[i] * bodies.x[k, i] ** 2
+    return energy
+
+
 def ases_lennard_jones(**given: float) -> Any:
     """ASE's calculator, imported where it is made: ASE is no part of kickdrift."""
     from ase.calculators.lj import LennardJones
@@ -38,6 +53,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "j2": {"j2": 0.1, "radius": 0.1},
     "tides": {"radius": 0.2, "tau": 0.01, "rotation": "none"},
     "tides-spin": {"radius": 0.2, "inertia": 0.3, "spin": (0.3, 0.0, 1.0), "tau": 0.01},
+    "beside": {"f": steady, "y0": (0.1,), "names": ("stiffness",), "acts": stiffen},
     "radiation-pressure": {"c": 30.0},
     "non-gravitational": {"a2": 0.01, "scale": 1.0},
     "migration": {"tau_a": 100.0, "tau_e": 10.0, "tau_i": 10.0, "edge": 0.5},

@@ -13,6 +13,18 @@ from numpy.typing import NDArray
 from kickdrift.model.state import Floats
 from kickdrift.text import clean
 
+FARTHEST = 511  # image that LAMMPS holds in 10 bits
+
+
+def flags_of(images: NDArray[np.int64], molecules: NDArray[np.int64]) -> NDArray[np.int64]:
+    """LAMMPS' image flags of particles (n, 3). Where these are beyond LAMMPS' own limit, each molecule begins anew: its
+    flags are from the image of its first particle."""
+    if np.abs(images).max(initial=0) <= FARTHEST:
+        return images
+    _, first, which = np.unique(molecules, return_index=True, return_inverse=True)
+    moved: NDArray[np.int64] = images - images[first[which.reshape(-1)]]
+    return moved
+
 
 class DataFile(NamedTuple):
     """Content of a data file of atom style "molecular", or "full" with charges. Types, particles and molecules are

@@ -6,14 +6,26 @@ import os
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
 import typer
 
 import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_lines, progress_bar, say, show_found, verbatim
-from kickdrift.cli.options import Frame, Json, Overwrite, Quiet, argument, is_run, option, system_of_frame
+from kickdrift.cli.options import (
+    Frame,
+    Json,
+    Overwrite,
+    Quiet,
+    argument,
+    is_run,
+    option,
+    subject_of,
+    system_of_frame,
+    with_files,
+)
 from kickdrift.disk.files import shown_path
+from kickdrift.disk.foreign import is_lammps_input
 from kickdrift.disk.kinds import JSON, SYSTEM
 from kickdrift.disk.outputs import refuse_outputs, write_json, write_system, written_whole
 from kickdrift.display.showing import lines_of
@@ -22,17 +34,24 @@ from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import settled
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
-from kickdrift.systemfile.files import find, is_shipped, parsed
+from kickdrift.systemfile.files import PARAMETERS, STRUCTURES, find, is_shipped, parsed
 from kickdrift.text import counted
 
 TABLES = (".parquet", ".h5")  # suffixes of ensembles' tables
+LAMMPS_INPUTS = (".in", ".lammps")  # suffixes of LAMMPS' inputs, beside names that begin with in.
 SCHEMA = "system-file.schema.json"  # also the name that shipped files give
 
 
+@with_files
 def export(
-    file: Annotated[Path, argument("FILE.h5md", "A run's file.")],
+    file: Annotated[Path, argument("FILE.h5md", "A run's file; or a system, for an input of LAMMPS.")],
     output: Annotated[
-        Path, argument("OUT", "The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj, data, bin.")
+        Path,
+        argument(
+            "OUT",
+            "The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj, data, bin; in.NAME or NAME.in is an "
+            "input of LAMMPS.",
+        ),
     ],
     unwrapped: Annotated[
         bool,
@@ -41,10 +60,26 @@ def export(
     start: Annotated[int | None, option("A", "First frame, from 0; negative from the end.")] = None,
     stop: Annotated[int | None, option("B", "First frame after the chosen ones.")] = None,
     step: Annotated[int | None, option("C", "Only every C-th frame.", min=1)] = None,
+    frame: Frame = None,
+    files: Any = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a run's frames for other programs, and print what the format loses."""
+    """Write a run's frames for other programs, and print what the format loses. Or write a system, or a frame of a run
+    with its forces, as an input of LAMMPS."""
+    if output.name.startswith("in.") or output.suffix.lower() in LAMMPS_INPUTS:
+        if unwrapped or not start is stop is step is None:
+            raise InputError(
+                "an input of LAMMPS has one --frame; --unwrapped, --start, --stop and --step are for others"
+            )
+        made = subject_of(str(file), frame=frame, **files)
+        if not isinstance(made, System):
+            raise InputError(f"{file}: is an ODE; LAMMPS moves particles")
+        for each in made.to_lammps(output, overwrite).files:
+            out(str(each))
+        return
+    if frame is not None or any(value is not None for value in files.values()):
+        raise InputError("--frame and files of force fields are for an input of LAMMPS: in.NAME or NAME.in")
     with progress_bar(quiet) as bar:
         done = kd.export(
             file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,
@@ -54,9 +89,11 @@ def export(
     out(f"{done.path}: {counted(done.frames, 'frame')} of {counted(done.particles, 'particle')}")
 
 
+@with_files
 def info(
     file: Annotated[str, argument("FILE", "A run's file, an ensemble's table, or a system file or name.")],
     all_: Annotated[bool, typer.Option("--all", help="Everything that a run's file holds.")] = False,
+    files: Any = None,
     json_file: Json = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -72,8 +109,9 @@ def info(
     of_run = (
         not archive
         and os.path.lexists(file)
-        and Path(file).suffix.lower() not in (*TABLES, ".toml")
+        and Path(file).suffix.lower() not in (*TABLES, *PARAMETERS, *STRUCTURES, ".toml")
         and not is_shipped(file)
+        and not is_lammps_input(file)
     )
     if (all_ or json_file is not None) and not of_run:
         raise InputError(f"{file}: {'--all' if all_ else '--json'} is for the file of a run")
@@ -85,7 +123,7 @@ def info(
     if not of_run:
         from kickdrift.run.report.charges import charge_warnings, charges_of
 
-        system = kd.load(file)
+        system = kd.load(file, **files)
         check_run(system)
         (key, name), *rest = lines_of(system)
         charged = charges_of(system)

@@ -232,7 +232,10 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift movie run.h5md run.mp4 --turn 90 --duration 10", "Ten seconds, while the camera turns."),
         ("kickdrift movie planets.h5md planets.gif --elevation 60 --zoom 8", "The inner planets, from above."),
     ),
-    "export": (("kickdrift export run.h5md run.xtc --step 10", "Every tenth frame, for GROMACS and MDAnalysis."),),
+    "export": (
+        ("kickdrift export run.h5md run.xtc --step 10", "Every tenth frame, for GROMACS and MDAnalysis."),
+        ("kickdrift export lj-1000 in.liquid", "A system as an input of LAMMPS."),
+    ),
     "info": (
         ("kickdrift info run.h5md", "The report of a run. --all shows everything that the file holds."),
         ("kickdrift info liquid.toml", "Check a system file without running it."),

@@ -11,17 +11,18 @@ import typer
 import kickdrift as kd
 from kickdrift.cli import options as opt
 from kickdrift.cli.console import busy, out, print_lines, progress_bar, say, show_found
-from kickdrift.cli.options import argument, in_units, option, subject_of, with_options
+from kickdrift.cli.options import argument, in_units, option, subject_of, with_files, with_options
 from kickdrift.cli.options import length as span
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.model.checks.limits import whole_text
-from kickdrift.systemfile.files import is_shipped
+from kickdrift.systemfile.files import PARAMETERS, is_shipped
 from kickdrift.text import shown
 
 
+@with_files
 @with_options()
 def compare(
     system: opt.Subject,
@@ -35,6 +36,7 @@ def compare(
     accuracy: Annotated[float | None, option("X", "Wanted relative error: recommend a method and a step.")] = None,
     length: Annotated[Any, option("T", "Length of the planned run (default: the file's).", parser=span)] = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
+    files: Any = None,
     threads: opt.Threads = 1,
     json_file: opt.Json = None,
     plot: Annotated[Path | None, option("FILE.png", "Draw error against evaluations and seconds.")] = None,
@@ -46,7 +48,7 @@ def compare(
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, [system])
     from kickdrift.analysis.compare.comparing import compared
 
-    subject = subject_of(system, seed)
+    subject = subject_of(system, seed, **files)
     time, length = in_units(time, subject, "--time"), in_units(length, subject, "--length")
     notice = "comparing: about a minute …"
     with progress_bar(quiet) as bar:
@@ -63,10 +65,12 @@ def compare(
         raise typer.Exit(1)
 
 
+@with_files
 def compare_engines(
     system: opt.Subject,
     engine: Annotated[list[str] | None, option("NAME", "Engine; repeat for several (default: all).")] = None,
     frame: opt.Frame = None,
+    files: Any = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
     json_file: opt.Json = None,
     overwrite: opt.Overwrite = False,
@@ -77,7 +81,7 @@ def compare_engines(
     refuse_outputs({"json": json_file}, overwrite, [system])
     from kickdrift.analysis.compare.engine_forces import compare_engines as compared
 
-    subject = subject_of(system, seed, frame=frame)
+    subject = subject_of(system, seed, frame=frame, **files)
     with busy("computing forces in each engine", quiet):
         found = compared(subject, engine)
     show_found(found, json_file, overwrite)
@@ -177,6 +181,7 @@ def _amount(text: str | None) -> Any:
         return text
 
 
+@with_files
 @with_options("dt")
 def certify(
     runs: Annotated[
@@ -195,6 +200,7 @@ def certify(
         str | None, option("NAME", "Run a system on this engine first; see: kickdrift list engines.")
     ] = None,
     forces: Annotated[bool, typer.Option("--forces", help="With --engine: test its forces in place of a run.")] = False,
+    files: Any = None,
     calculator: Annotated[
         str | None, option("NAME", "ASE calculator, such as ase.calculators.emt.EMT, for a structure file.")
     ] = None,
@@ -210,7 +216,7 @@ def certify(
     """Test whether runs sample the canonical ensemble: kinetic energies, axes and species, and the ratio of two runs.
     For a system, test whether its forces are safe for dynamics. The exit status is 1 if a test fails."""
     if forces or calculator or (engine is None and len(runs) == 1 and _names_forces(runs[0])):
-        _certify_forces(runs, calculator, engine, options, steps, json_file, plot, overwrite, quiet)
+        _certify_forces(runs, calculator, engine, options, files, steps, json_file, plot, overwrite, quiet)
         return
     of_engine = [integrator, steps, every, *options.values()]
     if engine is None and any(each is not None for each in of_engine):
@@ -224,7 +230,7 @@ def certify(
 
     if engine is not None:
         with progress_bar(quiet) as bar:
-            subject: Any = subject_of(runs[0])
+            subject: Any = subject_of(runs[0], **files)
             given = {"temperature": temperature, **options} if temperature else options
             found = engine_checks(subject, engine, integrator, steps, every, bar("running"), **given)
     else:
@@ -246,8 +252,9 @@ def _print_page(found: Any, json_file: Path | None, overwrite: bool) -> None:
 
 
 def _names_forces(name: str) -> bool:
-    """Whether an argument names forces: a system file, a Python file, a shipped system, or a pair force."""
-    return Path(name).suffix in (".toml", ".py", "")
+    """Whether an argument names forces: a system file, a Python file, a file of a force field, a shipped system, or a
+    pair force."""
+    return Path(name).suffix.lower() in (".toml", ".py", "", *PARAMETERS)
 
 
 def _certify_forces(
@@ -255,6 +262,7 @@ def _certify_forces(
     calculator: str | None,
     engine: str | None,
     options: dict[str, Any],
+    files: dict[str, Any],
     steps: int | None,
     json_file: Any,
     plot: Path | None,
@@ -270,7 +278,7 @@ def _certify_forces(
     from kickdrift.analysis.certify.force_testing import STEPS, force_checks
 
     with progress_bar(quiet) as bar:
-        subject = _tested(systems[0], calculator)
+        subject = _tested(systems[0], calculator, files)
         found = force_checks(
             subject,
             engine=engine,
@@ -287,17 +295,17 @@ def _certify_forces(
     _print_page(found, json_file, overwrite)
 
 
-def _tested(name: str, calculator: str | None) -> Any:
+def _tested(name: str, calculator: str | None, files: dict[str, Any]) -> Any:
     """The subject of ``force_checks``: Atoms with a calculator, a force, or a System."""
     if calculator is not None:
         from kickdrift.forces.seam.named import found, load_module
 
         load_module(calculator.rpartition(".")[0] or calculator)
-        system: Any = subject_of(name)
+        system: Any = subject_of(name, **files)
         return system.remade(forces=[kd.CalculatorForce(found("--calculator", calculator, callable))])
     if name in FORCES and not is_shipped(name) and not Path(name).exists():
         return FORCES[name]()
-    return subject_of(name)
+    return subject_of(name, **files)
 
 
 Frames = StrEnum("Frames", "jacobi heliocentric barycentric")  # origins of orbits

@@ -203,6 +203,36 @@ Flush = Annotated[
     float | None, option("SECONDS", "Seconds between writes to disk; a kill loses at most this much (default 10).")
 ]
 
+_FILE_FLAGS: dict[str, Any] = {
+    "coordinates": Annotated[
+        str | None, option("FILE", "The file of coordinates of a .prmtop, .parm7, .top or .psf.", "--coordinates")
+    ],
+    "force_field": ForceField,
+    "cutoff": Cutoff,
+    "rigid": Rigid,
+}  # fmt: skip
+
+
+def with_files(command: Callable[..., None]) -> Callable[..., None]:
+    """Decorator of a command: flags for files of force fields, whose values come as one dict in the command's parameter
+    ``files``, for `subject_of`."""
+
+    @wraps(command)
+    def wrapped(**given: Any) -> None:
+        files = {name: given.pop(name) or None for name in _FILE_FLAGS}
+        command(**given, files=files)
+
+    parameters: list[inspect.Parameter] = []
+    for each in inspect.signature(command, eval_str=True).parameters.values():
+        if each.name == "files":
+            parameters += [_parameter(name, annotation) for name, annotation in _FILE_FLAGS.items()]
+        else:
+            parameters.append(each)
+    wrapped.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    wrapped.__annotations__ = {each.name: each.annotation for each in parameters}
+    return wrapped
+
+
 _METAVARS = {float: "X", int: "N", str: "NAME"}
 _FILES = {"coordinates": " Or the file of coordinates of a .prmtop, .parm7, .top or .psf."}
 _FEW = 3  # most methods that a flag's help names

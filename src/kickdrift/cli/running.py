@@ -45,7 +45,6 @@ from kickdrift.model.checks.limits import whole_text
 from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.systemfile.files import PARAMETERS
-from kickdrift.systemfile.reading import STRUCTURES
 from kickdrift.text import shown
 
 WHOLE = ("steps", "interval")
@@ -182,8 +181,6 @@ def run(
     if origin is not None and (Path(system).suffix.lower() in PARAMETERS or Path(origin).suffix):
         files["coordinates"] = options.pop(COORDINATES.name)
     chosen = with_keys(subject_of(system, seed, frame=frame, **files), equilibrate or [])
-    if Path(system).suffix.lower() in STRUCTURES and isinstance(chosen, System) and not chosen.forces:
-        say("warning: no force acts; give --force-field FILE for a .pdb or .cif, or forces in a system file", quiet)
 
     from kickdrift.run.stages import protocol
 
@@ -312,6 +309,7 @@ def show(
         print_lines(lines_of(report.written_to(output)))
 
 
+@opt.with_files
 def relax(
     system: opt.Subject,
     output: Annotated[Path | None, option("FILE.toml", "Write the relaxed system as a system file.")] = None,
@@ -335,6 +333,7 @@ def relax(
     ] = None,
     seed: Annotated[int | None, option("S", "Seed of random velocities.", min=0)] = None,
     frame: opt.Frame = None,
+    files: Any = None,
     threads: opt.Threads = 1,
     json_file: opt.Json = None,
     overwrite: opt.Overwrite = False,
@@ -346,7 +345,7 @@ def relax(
     from kickdrift.forces.bound.forces import check_threads
     from kickdrift.run.minimization import minimum
 
-    start = subject_of(system, seed, overlaps=True, frame=frame)
+    start = subject_of(system, seed, overlaps=True, frame=frame, **files)
     if not isinstance(start, System):
         raise InputError(f"{system}: is an ODE; relax needs particles")
     if output is not None:

@@ -119,5 +119,10 @@ def is_lammps_data(path: str | os.PathLike[str]) -> bool:
 
 
 def is_lammps_input(path: str | os.PathLike[str]) -> bool:
-    """Tell whether a file is an input of LAMMPS, by its content."""
-    return os.path.splitext(path)[1].lower() != ".toml" and foreign(path).startswith("is an input of LAMMPS")
+    """Tell whether a file is an input of LAMMPS, by its content, or by its name in.NAME where the content tells
+    nothing."""
+    if os.path.splitext(path)[1].lower() == ".toml":
+        return False
+    what = foreign(path)
+    named = os.path.basename(os.fspath(path)).startswith("in.") and os.path.isfile(path)
+    return what.startswith("is an input of LAMMPS") or (named and not what)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.engines.forces import many_body, only_lennard_jones, small_units
+from kickdrift.engines.forces import many_body, one_pair_law, small_units
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session
 from kickdrift.forces.bound.forces import Measured
@@ -32,7 +32,7 @@ def refusal(job: Job) -> str | None:
     system = job.system
     if many_body(system):
         return _no_calculator(system)
-    if reason := only_lennard_jones(system, ("shift",), TAKES) or small_units(system):
+    if reason := one_pair_law(system, ("shift",), TAKES) or small_units(system):
         return reason
     if job.method.bath and system.dimensions == 2:
         return "two dimensions: ASE's heat baths act along z too"

@@ -102,10 +102,15 @@ def strange(system: System, program: str) -> str | None:
     return None
 
 
-def only_lennard_jones(
-    system: System, truncations: Collection[str], takes: str, molecules: bool = False, charges: Collection[str] = ()
+def one_pair_law(
+    system: System,
+    truncations: Collection[str],
+    takes: str,
+    molecules: bool = False,
+    charges: Collection[str] = (),
+    laws: Collection[Any] = (LennardJones,),
 ) -> str | None:
-    """Reason why the System's forces are not one Lennard-Jones force with one of these truncations, or None.
+    """Reason why the System's forces are not one of these pair ``laws`` with one of these truncations, or None.
 
     ``takes`` says which forces the program takes. With ``molecules``, bonded forces and exclusions may come beside the
     pair force. ``charges`` are methods of Coulomb's law, which may come beside the pair force or stand alone."""
@@ -118,7 +123,7 @@ def only_lennard_jones(
         forces = [force for force in forces if force is not coulomb]
         if not forces:
             return None
-    if [type(force) for force in forces] != [LennardJones]:
+    if len(forces) != 1 or type(forces[0]) not in laws:
         names = " and ".join(repr(force.name) for force in system.forces)
         given = f"force{'s' * (len(system.forces) > 1)} {names}" if names else f"{system.name!r} has no force"
         return f"{given}: {takes}"
@@ -133,7 +138,7 @@ def only_lennard_jones(
 
 
 def truncation_of(force: Any, system: System) -> str:
-    """Truncation of all pairs of species, after ``only_lennard_jones``; "" for other forces."""
+    """Truncation of all pairs of species, after ``one_pair_law``; "" for other forces."""
     return str(next(iter(force.ends(system.species))).truncation) if hasattr(force, "ends") else ""
 
 

@@ -1,4 +1,4 @@
-"""LAMMPS: its lj/cut, eam, sw or tersoff with fix nve and heat baths, in this process or several started by mpiexec.
+"""LAMMPS: its pair laws, eam, sw or tersoff with fix nve and heat baths, in this process or several started by mpiexec.
 
 LAMMPS' units "lj" have no constants, so they hold the system's own numbers in any units, with coherent masses (see
 ``session``). LAMMPS tallies energy and virial at the end of each ``run`` command.
@@ -10,72 +10,103 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.bridges.lammps.laws import STYLE_OF, STYLES, range_of
 from kickdrift.engines.fields import IN_LAMMPS, lammps_fixes, lammps_refusal, virial_of, without
 from kickdrift.engines.forces import (
     beside_charges,
     coulomb_of,
     many_body,
-    only_lennard_jones,
+    one_pair_law,
     small_units,
     style_of,
     text_of,
     truncation_of,
 )
 from kickdrift.engines.job import Job
-from kickdrift.engines.lammps_world import Ewald, Model, World, bonded_of, fixes
-from kickdrift.engines.lammps_world import refusal as bonded_refusal
+from kickdrift.engines.lammps_model import Ewald, Model, bonded_of, fixes
+from kickdrift.engines.lammps_model import refusal as bonded_refusal
+from kickdrift.engines.lammps_world import World
 from kickdrift.engines.session import Session, Trouble
 from kickdrift.engines.tables import ERROR, POINTS, switched
 from kickdrift.errors import InputError
+from kickdrift.forces import LennardJones, ListedPairs, WeeksChandlerAndersen, Yukawa
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.charges.radial import ALL_IMAGES
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
+LAWS = ", ".join(law.name for law in STYLE_OF)
 TAKES = (
-    "LAMMPS takes one force of lennard-jones, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb "
-    "alone or beside lennard-jones; position restraints and walls"
+    f"LAMMPS takes one force of {LAWS}, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb alone "
+    "or beside lennard-jones, buckingham or born-mayer-huggins; position restraints and walls"
 )
 LINEAR, TABLED = "force-shift", "switch"
 TRUNCATIONS = ("cut", "shift", LINEAR, TABLED)
+OF_OTHERS = ("cut", "shift")  # truncations of laws other than Lennard-Jones
 MOST_TYPES = 100  # particles of one species may differ in mass, and LAMMPS stores all pairs of types
 IMAGES = 1024  # LAMMPS counts box crossings in ten bits
 MOST_BLIND = 10**6  # steps without reading these counts
+APART = (*IN_LAMMPS, ListedPairs)  # forces beside the pair force and the bonded ones
 
 
 def refusal(job: Job) -> str | None:
     """See Engine."""
-    system = without(job.system, IN_LAMMPS)
+    return refused(job.system)
+
+
+def refused(whole: System) -> str | None:
+    """Reason why LAMMPS has no such forces, or None."""
+    system = without(whole, APART)
     if not many_body(system, molecules=True) and (
-        reason := only_lennard_jones(system, TRUNCATIONS, TAKES, molecules=True, charges=ALL_IMAGES)
+        reason := one_pair_law(system, TRUNCATIONS, TAKES, molecules=True, charges=ALL_IMAGES, laws=STYLE_OF)
         or small_units(system)
     ):
         return reason
     if coulomb_of(system) is not None and not all(system.box.periodic_axes):
         return "coulomb: slabs are not possible"
-    if reason := bonded_refusal(system) or lammps_refusal(job.system):
+    force = beside_charges(system)
+    if reason := bonded_refusal(whole, force) or lammps_refusal(whole) or _refused_law(system, force):
         return reason
-    cut = truncation_of(beside_charges(system), system)
-    if coulomb_of(system) is not None and cut in (LINEAR, TABLED):
-        return f"truncation {cut!r}: LAMMPS has it for Lennard-Jones without charges"
-    if system.dimensions == 2 and beside_charges(system).tail:
+    if system.dimensions == 2 and force.tail:
         return "tail: LAMMPS has no tail correction in two dimensions"
-    if (count := len(_kinds(job)[0])) > MOST_TYPES:
+    if (count := len(_kinds(system, system.state.masses)[0])) > MOST_TYPES:
         return f"masses: {count} types of particles that differ in mass or species, and {MOST_TYPES} is the most"
     return None
 
 
-def _kinds(job: Job) -> tuple[np.ndarray, np.ndarray]:
+def _refused_law(system: System, force: Any) -> str | None:
+    """Reason why LAMMPS has not this law with these truncations and charges, or None."""
+    cut = truncation_of(force, system)
+    charged = coulomb_of(system) is not None
+    if charged and cut in (LINEAR, TABLED):
+        return f"truncation {cut!r}: LAMMPS has it for Lennard-Jones without charges"
+    if type(force) not in STYLE_OF or type(force) is LennardJones:
+        return None
+    if cut not in OF_OTHERS:
+        return f"truncation {cut!r}: LAMMPS has it for Lennard-Jones alone"
+    if charged and not STYLES[STYLE_OF[type(force)]].long:
+        return f"force {force.name!r}: LAMMPS has no such law beside charges"
+    if force.tail and not STYLES[STYLE_OF[type(force)]].mixes:
+        return f"tail: LAMMPS has none for {force.name}"
+    laws = {(a, b): force.pair_law(a, b) for a in system.species for b in system.species}
+    if any(force.pair_end(*named).cutoff < range_of(force, law) < math.inf for named, law in laws.items()):
+        return f"force {force.name!r}: a cutoff below the range of the law has no counterpart in LAMMPS"
+    if len({getattr(law, "kappa", 0.0) for law in laws.values()}) > 1:
+        return f"force {force.name!r}: LAMMPS has one kappa for all pairs of species"
+    return None
+
+
+def _kinds(system: System, masses: Floats) -> tuple[np.ndarray, np.ndarray]:
     """Species and mass of each kind of particles (kinds, 2), and the kind of each particle (n,)."""
-    both = np.column_stack([job.system.species_index, job.system.coherent_masses])
+    both = np.column_stack([system.species_index, masses])
     kinds, which = np.unique(both, axis=0, return_inverse=True)
     return kinds, which.reshape(-1)
 
 
 def remarks(job: Job) -> list[str]:
     """How LAMMPS' forces differ from those asked for."""
-    system = without(job.system, IN_LAMMPS)
+    system = without(job.system, APART)
     if truncation_of(beside_charges(system), system) != TABLED:
         return []
     return [
@@ -94,38 +125,56 @@ def ewald_of(system: System) -> Ewald | None:
 
 def model_of(job: Job, seed: int) -> Model:
     """Model for LAMMPS. ``seed`` is that of a heat bath."""
-    system, dt = without(job.system, IN_LAMMPS), job.options.dt
-    assert dt is not None
+    assert job.options.dt is not None
+    return modelled(job.system, job.system.coherent_masses, job.options.dt, fixes(job, seed))
+
+
+def modelled(whole: System, masses: Floats, dt: float, stepping: tuple[str, ...]) -> Model:
+    """Model of a System whose particles have these masses (n,), with the commands of the fixes that take a step."""
+    system = without(whole, APART)
     force, ewald = beside_charges(system), ewald_of(system)
     cut: Any = force or ewald
-    kinds, which = _kinds(job)
+    kinds, which = _kinds(system, masses)
     species = [system.species[int(k)] for k in kinds[:, 0]]
     given: dict[str, Any] = {"pairs": (), "shifted": False, "tail": False}
     if many_body(system, molecules=True):
         given |= {"many_body": (style_of(force), text_of(force), force.named(species))}
     elif force is not None:
-        pairs = [(i, j) for i in range(len(kinds)) for j in range(i, len(kinds))]
-        laws = [
-            (i + 1, j + 1, force.pair_law(*named), force.pair_end(*named))
-            for i, j in pairs
-            for named in [(species[i], species[j])]
-        ]
-        truncation = truncation_of(force, system)
-        given |= {
-            "pairs": tuple((i, j, float(p.epsilon), float(p.sigma), float(end.cutoff)) for i, j, p, end in laws),
-            "shifted": truncation == "shift", "linear": truncation == LINEAR,
-            "tail": force.tail, "dimensions": system.dimensions,
-        }  # fmt: skip
-        if truncation == TABLED:
-            given["tables"] = tuple(
-                switched(law, (i, j), float(end.switch_start), float(end.cutoff)) for i, j, law, end in laws
-            )
-    walls, held = lammps_fixes(job.system)
+        given |= _pairs(system, force, species)
+    walls, held = lammps_fixes(whole)
     return Model(
         box=system.box, types=(which + 1).astype(np.int32), masses=tuple(kinds[:, 1].tolist()),
-        ewald=ewald, cutoff=float(cut.cutoff), dt=dt, fixes=fixes(job, seed), bonded=bonded_of(system),
+        ewald=ewald, cutoff=float(cut.cutoff), dt=dt, fixes=stepping, bonded=bonded_of(whole, force),
         walls=walls, held=held, **given,
     )  # fmt: skip
+
+
+def _pairs(system: System, force: Any, species: list[str]) -> dict[str, Any]:
+    """Values of a Model for a pair force between types of these species."""
+    style = STYLE_OF[type(force)]
+    laws = [
+        (i + 1, j + 1, force.pair_law(*named), force.pair_end(*named))
+        for i in range(len(species))
+        for j in range(i, len(species))
+        for named in [(species[i], species[j])]
+    ]
+    truncation = truncation_of(force, system)
+    coefficients = STYLES[style].coefficients
+    given: dict[str, Any] = {
+        "law": style,
+        "pairs": tuple(
+            (i, j, *map(float, coefficients(p)), min(float(end.cutoff), range_of(force, p))) for i, j, p, end in laws
+        ),
+        "shifted": truncation == "shift" or type(force) is WeeksChandlerAndersen, "linear": truncation == LINEAR,
+        "tail": force.tail, "dimensions": system.dimensions,
+    }  # fmt: skip
+    if isinstance(force, Yukawa):
+        given["law"] = f"{style} {float(laws[0][2].kappa)!r}"
+    if truncation == TABLED:
+        given["tables"] = tuple(
+            switched(law, (i, j), float(end.switch_start), float(end.cutoff)) for i, j, law, end in laws
+        )
+    return given
 
 
 class LammpsSession(Session):

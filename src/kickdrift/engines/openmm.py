@@ -26,7 +26,7 @@ from kickdrift.engines.forces import (
     LAWS,
     beside_charges,
     coulomb_of,
-    only_lennard_jones,
+    one_pair_law,
     small_units,
     split,
     strange,
@@ -74,9 +74,9 @@ def refusal(job: Job) -> str | None:
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
     if [type(force) for force in system.forces] == [Gravity] and system.topology is None:
         return None
-    reason = only_lennard_jones(
-        system, TRUNCATIONS, TAKES, molecules=True, charges=openmm_charges.METHODS
-    ) or small_units(system)
+    reason = one_pair_law(system, TRUNCATIONS, TAKES, molecules=True, charges=openmm_charges.METHODS) or small_units(
+        system
+    )
     if reason:
         return reason
     if reason := strange(system, "OpenMM"):

@@ -11,6 +11,7 @@ from kickdrift.forces.around.radiation import NonGravitational, RadiationPressur
 from kickdrift.forces.around.relativity import EinsteinInfeldHoffmann, LenseThirring, PostNewtonian, RadiationReaction
 from kickdrift.forces.around.spins import TidesSpin
 from kickdrift.forces.around.tides import Tides
+from kickdrift.forces.beside.unknowns import Beside
 from kickdrift.forces.bonded.cmap import Cmap
 from kickdrift.forces.bonded.own_pairs import ListedPairs
 from kickdrift.forces.bonded.shipped import (
@@ -77,6 +78,7 @@ _ALL: tuple[Any, ...] = (
     Oblateness,
     Tides,
     TidesSpin,
+    Beside,
     RadiationPressure,
     NonGravitational,
     Migration,

@@ -19,6 +19,7 @@ from kickdrift.integrators.splitting import constant_temperature as baths
 from kickdrift.integrators.splitting import method as splitting
 from kickdrift.integrators.splitting import stormer
 from kickdrift.integrators.trace import method as trace
+from kickdrift.integrators.wisdom_holman import embedded
 from kickdrift.integrators.wisdom_holman import method as wisdom_holman
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.text import VALUE, shown
@@ -29,6 +30,7 @@ INTEGRATORS: dict[str, Method] = {
         *splitting.ROWS,
         *baths.ROWS,
         *splitting.RESPA,
+        *embedded.ROWS,
         *stormer.ROWS,
         *exact.ROWS,
         *stormer.STEP_DENSITY,

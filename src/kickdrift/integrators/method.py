@@ -60,6 +60,7 @@ class Method:
     particles_only : whether the method runs Systems only, no Problems
     rescalable : whether velocities may change between two steps without a restart
     float64_because : why pair forces cannot be in mixed precision; "" if they can
+    carries_unknowns : whether the method advances unknowns beside the bodies by themselves: see `kickdrift.Beside`
     stops_in_lanes : whether a batch with this method watches events
     declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
     tunable : names of these options
@@ -71,7 +72,7 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    separable = overdamped = stops_in_lanes = reflects = bounces = False
+    separable = overdamped = stops_in_lanes = reflects = bounces = carries_unknowns = False
     float64_because = ""
 
     @property

@@ -82,8 +82,9 @@ class Bridged:
 
         LAMMPS reads the input up to its first run, in a process of its own. Its box, particles, lists, styles and
         coefficients become the System, and the fixes nve, nvt, langevin, temp/csvr and shake the run's defaults and
-        constraints. A species is a type's element or label, else its number. Pair styles: lj/cut, also with
-        coul/long, eam, sw and tersoff; any other becomes a `LammpsForce`. Bonds: harmonic, fene, morse. Angles:
+        constraints. A species is a type's element or label, else its number. Pair styles: lj/cut, buck and born, also
+        with coul/long, lj/smooth/linear, mie/cut, morse, yukawa, gauss, soft, eam, sw and tersoff, with cutoffs of
+        pairs; any other becomes a `LammpsForce`. Bonds: harmonic, fene, morse. Angles:
         harmonic, cosine, charmm. Dihedrals: harmonic, charmm, fourier, opls, multi/harmonic. Impropers: harmonic, cvff.
         A UserWarning names what was left out.
 
@@ -100,6 +101,25 @@ class Bridged:
             For such commands in an input that is not trusted, for what kickdrift lacks, and whatever LAMMPS says.
         """
         return bridge("lammps", "System.from_lammps").system_of(path, units, tuple(commands), trusted)
+
+    def to_lammps(self, path: Any, overwrite: bool = False) -> Any:
+        """Write an input of LAMMPS and a data file beside it, and return their paths; the inverse of `from_lammps`.
+
+        The input is in the units of the system, from gromacs in real. It ends with the run of the system's defaults, if
+        they have steps. A potential of many bodies, and the tables of a switched law, are files beside it.
+        ``kd.System.from_lammps(path)`` has the same energies to rounding, beside tables, which stay LAMMPS' own.
+
+        Parameters
+        ----------
+        path : file of the input, or a folder for it (``in.NAME`` by the system's name)
+        overwrite : whether to replace files of these names that kickdrift wrote
+
+        Raises
+        ------
+        InputError
+            For forces, virtual sites and fixed particles without a counterpart in LAMMPS, and for other units.
+        """
+        return SYSTEM_FILES["to_lammps"](self, path, overwrite)
 
     @classmethod
     def from_mdanalysis(
@@ -166,14 +186,15 @@ class Bridged:
     def to_openmm(self) -> Any:
         """OpenMM's objects: a tuple of ``system``, ``topology``, ``positions`` and ``velocities``.
 
-        The inverse of `from_openmm`: ``kd.System.from_openmm(*system.to_openmm())`` has the same energies. The system
-        has OpenMM's standard forces and constraints. Defaults of a run stay behind.
+        The inverse of `from_openmm`: ``kd.System.from_openmm(*system.to_openmm())`` has the same energies, in units
+        gromacs. The system has OpenMM's standard forces, constraints and virtual sites. Defaults of a run stay behind.
 
         Raises
         ------
         InputError
-            For units other than gromacs, forces without a counterpart, truncations other than "cut" and
-            "potential-switch", cutoffs that differ, several Lennard-Jones forces, and scaled pairs in a reaction field.
+            For units other than gromacs, metal and real, forces without a counterpart, truncations other than "cut" and
+            "potential-switch", cutoffs that differ, several Lennard-Jones forces, scaled pairs in a reaction field, and
+            scaled pairs beyond the cutoff, which OpenMM does not cut off.
         """
         return bridge("openmm", "System.to_openmm").parts_of(self)
 

@@ -35,6 +35,8 @@ class State:
         Steps begun since the start. At a look inside an adaptive step, that step counts.
     spins : (3, n) float64, optional
         Angular velocities of bodies whose spins evolve, see ``TidesSpin``; None for other bodies.
+    unknowns : (k,) float64, optional
+        Unknowns beside the bodies, see ``Beside``; None without any.
     """
 
     phase: Floats
@@ -44,6 +46,7 @@ class State:
     time: float = 0.0
     steps_done: int = 0
     spins: Floats | None = None
+    unknowns: Floats | None = None
 
     def __len__(self) -> int:
         return self.phase.shape[2]
@@ -64,6 +67,6 @@ class State:
 
     def copy(self) -> State:
         """Return a State that shares no memory with this one."""
-        spins = None if self.spins is None else self.spins.copy()
+        beside = (None if each is None else each.copy() for each in (self.spins, self.unknowns))
         copied = self.phase.copy(), self.masses.copy(), self.ids.copy()
-        return State(*copied, self.box, self.time, self.steps_done, spins)
+        return State(*copied, self.box, self.time, self.steps_done, *beside)

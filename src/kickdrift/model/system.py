@@ -117,6 +117,7 @@ class System(Bridged, ShownSystem):
     constraints: Constraints | None = None
     virtual_sites: VirtualSites | None = None
     stages: tuple[Stage, ...] = ()
+    ephemerides: tuple[str, ...] = ()  # what JPL was asked for the start: body, date, plane and origin
 
     def __init__(
         self,
@@ -409,6 +410,20 @@ class System(Bridged, ShownSystem):
             For a periodic box, for a force from outside (a field, a trap, a wall), and for what is no rotation.
         """
         made: System = turned(self, turn)
+        return made
+
+    def in_units(self, units: str) -> System:
+        """Return the same system in other units: metal, real or gromacs, which convert into one another.
+
+        Positions, velocities, masses, box, parameters of forces, constraints and defaults of a run are converted.
+        Coulomb's constant and Boltzmann's are those of the new units, which agree to rounding.
+
+        Raises
+        ------
+        InputError
+            For other units, events, and forces whose numbers are of one unit system, such as a many-body potential.
+        """
+        made: System = SYSTEM_FILES["in_units"](self, units)
         return made
 
     def to_toml(self) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.around.spins import SPINS, spinning
+from kickdrift.forces.beside.columns import further
 from kickdrift.looks.columns import Column, parts
 from kickdrift.looks.molecules import molecule_columns
 from kickdrift.looks.observers import SAMPLE_BYTES
@@ -59,16 +60,21 @@ def check_columns_fit(columns: Iterable[Column], plan: Plan) -> None:
 
 
 def with_body_columns(columns: Any, run: Integration) -> Any:
-    """The user's columns, and the masses and radii of bodies that collisions may change, spins that evolve,
+    """The user's columns, and the masses and radii of bodies that collisions may change, spins and unknowns,
     temperatures of molecules with constraints, and the components of the pressure in a box that changes its shape."""
     own = run.events.roster.columns() if run.events else []
     live = getattr(run.flow, "live", None)
     if live is not None and live.free:
         own.append(Column(TENSOR, "pressure", (len(NAMES),), _pressure_tensor))
     own += molecule_columns(run.system, run.method.drags)
-    if spinning(run.system):
-        own.append(Column(SPINS, "rate", (len(run.system), 3), lambda sim: sim.state.spins.T))
+    for force, kind in further(run.system):
+        for name, unit, shape, value in kind.listed(force, run.system):
+            own.append(Column(name, unit, shape, partial(_of_state, kind.key, value)))
     return [*columns, *own] if own and isinstance(columns, Iterable) else columns
+
+
+def _of_state(key: str, value: Callable[[Floats], Any], sim: Any) -> Any:
+    return value(getattr(sim.state, key))
 
 
 def _pressure_tensor(sim: Any) -> Floats:

@@ -6,7 +6,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from kickdrift.engines import Engine
 from kickdrift.errors import InputError, RunError
-from kickdrift.forces.around.spins import with_spins
+from kickdrift.forces.beside.columns import values_in, with_values
 from kickdrift.integrators.method import Method
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.looks.record import Record
@@ -89,8 +89,7 @@ class Present(ShownSimulation):
         system, state = self.system, self.integration.state
         if not isinstance(system, System):
             raise InputError("now: a Problem has no bodies; the Simulation's state has y")
-        present = system.anew(state)
-        return present if state.spins is None else with_spins(present, state.spins.T)
+        return with_values(system.anew(state), values_in(state))
 
     def __getitem__(self, body: str | int) -> Body:
         """The `Body` of that name or id at present: ``sim["Callisto"].position``. ``sim.system["Callisto"]`` is the

@@ -37,7 +37,8 @@ def stepping(engine: Engine, job: Job) -> tuple[RunFlow, Any]:
     method.check_constraints(job.system)
     mixed = options.precision == MIXED
     flow = flow_of(job.system, job.threads, jumps=method.trial_steps, mixed=mixed, coupling=coupling_of(options))
-    if method.separable and flow.not_separable:
+    carried = method.carries_unknowns and getattr(flow, "carries", False)
+    if method.separable and flow.not_separable and not carried:
         raise InputError(
             f"{job.named}: needs accelerations that depend on positions and time alone, and {flow.not_separable}; "
             "Runge-Kutta methods do not"

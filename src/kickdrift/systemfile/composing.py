@@ -43,12 +43,13 @@ def from_elements(
     checked_table = checked(BodiesTable, table, known, "from_elements")
     acting = [Gravity()] if forces is None else list(forces)
     with no_overflow():
-        start = on_orbits(checked_table, G_given(acting, known), key="bodies", first_at=1)
+        start = on_orbits(checked_table, G_given(acting, known), key="bodies", first_at=1, units=known)
     made = cls(
         start.positions, start.velocities, start.masses, None, acting, known, start.species, name,
         names=start.names, radii=start.radii, seed=start.seed,
     )  # fmt: skip
     check_overlaps(made)
+    object.__setattr__(made, "ephemerides", start.ephemerides)
     return made
 
 
@@ -88,6 +89,8 @@ def _in_space(system: System, given: dict[str, Any]) -> dict[str, Any]:
 
 def _placed(system: System, body: AddedTable, mass: float) -> tuple[Floats, Floats]:
     """Position and velocity of the new body."""
+    if body.from_jpl:
+        raise InputError("horizons and spk go with from_elements and system files, whose origin is the central body")
     if body.position is not None:
         return np.array(body.position), np.array(body.velocity or [0.0, 0.0, 0.0])
     about, state = primary_row(system, body.primary, "primary"), system.state

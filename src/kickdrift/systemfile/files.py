@@ -27,6 +27,7 @@ _TOKEN = re.compile(
 )
 PARAMETERS = (".prmtop", ".parm7", ".top", ".psf")  # files of force fields, which OpenMM reads
 WHOLE = (".prmtop", ".parm7")  # those that hold all parameters
+STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
 SCHEMA = "#:schema"  # begins a line that names the file's schema, for editors
 
 

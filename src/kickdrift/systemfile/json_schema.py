@@ -53,6 +53,10 @@ _VALUES: dict[tuple[str, str], Json] = {
     ("tides", "rotation"): {"enum": list(tides.ROTATIONS)},
     ("*", "central"): _NAME_OR_NUMBER,
     ("python", "function"): TEXT,
+    **{("beside", key): TEXT for key in ("f", "acts")},
+    ("beside", "y0"): {"type": "array", "items": NUMBER},
+    ("beside", "names"): NAMES,
+    ("beside", "atol"): {"anyOf": [NUMBER, {"type": "array", "items": NUMBER}]},
     ("ase", "calculator"): TEXT,
     ("ase", "arguments"): {"type": "object"},
     ("ase", "symbols"): {"anyOf": [{"type": "object", "additionalProperties": TEXT}, NAMES]},
@@ -78,6 +82,7 @@ _HELP: dict[tuple[str, str], str] = {
     ("system", "box"): "Edges of the box, and the axes along which it is periodic.",
     ("system", "topology"): "Bonds, angles, dihedrals and impropers of molecules.",
     ("system", "force"): "Forces; they add up.",
+    ("system", "force_field"): "Force field of the particles' file, which OpenMM reads.",
     ("system", "event"): "Events that a run finds: collisions, close approaches, escapes and passages.",
     ("system", "run"): "Defaults of a run: integrator, step, length and options.",
     ("system", "equilibrate"): "A run at a temperature before the run itself.",
@@ -119,7 +124,8 @@ def json_schema() -> Json:
         **{key: {"type": "array", "items": _reference(key)} for key in ("constraint", "virtual_site", "stage")},
         **{key: _reference(key) for key in ("run", "equilibrate", "topology")},
     )
-    system["anyOf"] = [{"required": ["force"]}, {"required": ["event"]}]  # hard spheres need no force
+    parameters = {"properties": {"particles": {"required": ["coordinates"]}}}  # a file of a force field has its forces
+    system["anyOf"] = [*({"required": [key]} for key in ("force", "force_field", "event")), parameters]
     ode = _table(schema.OdeFileTable, "system", ode=_reference("ode"), run=_reference("ode-run"))
     quantities: dict[str, Json] = {}
     tables = _shared({"particle-system": system, "ode-system": ode, **tables}, quantities)

@@ -30,7 +30,7 @@ from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses,
 from kickdrift.model.starts.plummer import plummer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import body_names
-from kickdrift.model.units.quantities import number_density
+from kickdrift.model.units.quantities import number_density, quantity
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile.schema import LatticeTable, PositionsTable, SystemTable
 from kickdrift.systemfile.schema_base import (
@@ -222,7 +222,14 @@ def charges_of(particles: Any, species: Sequence[str]) -> Any:
 
 
 def on_orbits(
-    table: BodiesTable, gravity: float | None, seed: int | None = None, key: str = "elements", first_at: int = 0
+    table: BodiesTable,
+    gravity: float | None,
+    seed: int | None = None,
+    key: str = "elements",
+    first_at: int = 0,
+    *,
+    units: UnitSystem,
+    folder: Path = Path(),
 ) -> Structure:
     """Central body and other bodies from a system file's ``elements``, relative to their barycentre.
 
@@ -235,6 +242,8 @@ def on_orbits(
     gravity : G in the file's units
     seed : replaces the table's seed
     key, first_at : name of the list in errors, and index of the first body on an orbit in that list
+    units : of the file, for states from JPL
+    folder : where names of kernels begin
     """
     if gravity is None:
         raise InputError("elements: these units do not set G; give G in [[force]] gravity")
@@ -248,7 +257,7 @@ def on_orbits(
     rng = generator(seed or 0)
     attracting = gravity * attracting_masses(masses, table.frame)
     x, v = np.zeros((len(masses), 3)), np.zeros((len(masses), 3))
-    names, first = [table.central.called], 1
+    names, first, asked = [table.central.called], 1, list[str]()
     for k, (body, count) in enumerate(zip(table.elements, counts[1:], strict=True), first_at):
         rows, mu = slice(first, first + count), attracting[first - 1 : first - 1 + count]
         called = body.called
@@ -257,7 +266,11 @@ def on_orbits(
             about = None if body.primary is None else _primary(body.primary, names[:first])
             if about is not None:
                 mu = gravity * (masses[about] + masses[rows])
-            x[rows], v[rows] = orbit_of(body, count, mu, rng)
+            if body.from_jpl:
+                x[rows], v[rows], said = state_from_jpl(body, units, folder)
+                asked.append(f"{called}: {said}" if called else said)
+            else:
+                x[rows], v[rows] = orbit_of(body, count, mu, rng)
             if about:  # row 0 is the central body, the origin of the other rows
                 x[rows] += x[about]
                 v[rows] += v[about]
@@ -271,7 +284,16 @@ def on_orbits(
     if any(body.radius is not None for body in given):  # bodies without a radius are points
         radii = np.repeat([body.radius or 0.0 for body in given], counts).tolist()
     return Structure(
-        x, masses, ["A"] * len(masses), None, periodic=False, velocities=v, names=named, seed=drawn, radii=radii
+        x,
+        masses,
+        ["A"] * len(masses),
+        None,
+        periodic=False,
+        velocities=v,
+        names=named,
+        seed=drawn,
+        radii=radii,
+        ephemerides=tuple(asked),
     )
 
 
@@ -283,6 +305,19 @@ def _primary(name: str, names: list[str | None]) -> int:
             f"(earlier: {choices(known, name)})"
         )
     return names.index(name)
+
+
+def state_from_jpl(body: BodyTable, units: UnitSystem, folder: Path) -> tuple[Floats, Floats, str]:
+    """Position and velocity (3,) of a body by JPL Horizons or from a kernel, and what was asked."""
+    from kickdrift.model.starts.horizons import from_horizons, from_kernel
+
+    where = body.date, body.plane, body.origin
+    if body.spk is None:
+        found = from_horizons(str(body.horizons), *where)
+    else:
+        found = from_kernel(folder / body.spk, int(body.target or 0), *where)
+    length, speed = (quantity(text, kind, units) for text, kind in (("1 AU", "length"), ("1 AU/yr", "velocity")))
+    return found.position * length, found.velocity * speed, found.said
 
 
 def orbit_of(

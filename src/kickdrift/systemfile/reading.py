@@ -11,7 +11,7 @@ from warnings import warn
 
 import numpy as np
 
-from kickdrift.disk.foreign import foreign, is_lammps_input
+from kickdrift.disk.foreign import is_lammps_input
 from kickdrift.disk.kinds import is_archive
 from kickdrift.disk.packed import is_packed, unpacked
 from kickdrift.errors import InputError
@@ -20,18 +20,18 @@ from kickdrift.integrators.asked import draws_noise
 from kickdrift.model.box.box import Box
 from kickdrift.model.bridged import bridge
 from kickdrift.model.checks.arguments import other_name
-from kickdrift.model.checks.values import is_number, no_overflow, whole_number
+from kickdrift.model.checks.values import no_overflow, whole_number
 from kickdrift.model.orbits import G_given
 from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import Structure, check_overlaps, drawn_velocities, nominal_units, read_structure
 from kickdrift.model.starts.coordinates import to_barycentric
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
-from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
 from kickdrift.systemfile import schema
 from kickdrift.systemfile.events import events_of
-from kickdrift.systemfile.files import PARAMETERS, WHOLE, find, parsed, plain, prefixed, toml_table
+from kickdrift.systemfile.files import PARAMETERS, STRUCTURES, find, parsed, plain, prefixed, toml_table
+from kickdrift.systemfile.force_fields import force_field_system, refuse_files, told_system
 from kickdrift.systemfile.frames import frame_system, structure_of
 from kickdrift.systemfile.particles import (
     as_given,
@@ -48,7 +48,6 @@ from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults, stage_of
 from kickdrift.text import choices, shown, suggestion
 
-STRUCTURES = (".xyz", ".extxyz", ".pdb", ".cif", ".gro", ".vasp", ".traj", ".lammps-data")  # files that ASE reads
 _BESIDE_ODE = tuple(key for key in schema.OdeFileTable.model_fields if key != "ode")
 
 
@@ -101,7 +100,7 @@ def load(
             _note_unused_seed()
         if snapshot is not None:
             raise InputError(f"snapshot: is for archives of rebound, and {path} is none")
-        return _force_field_system(path, **given)
+        return force_field_system(path, **given)
     refuse_files(path, given)
     if is_archive(path):
         if seed is not None:
@@ -125,46 +124,6 @@ def load(
     text, data = parsed(path)
     with prefixed(f"{path}: "):
         return _subject(data, path, text, seed, overlaps)
-
-
-def refuse_files(what: str | os.PathLike[str], given: Mapping[str, Any]) -> None:
-    """Refuse arguments for files of force fields that are given with another system, which ``what`` names."""
-    for key, value in given.items():
-        if value is not None:
-            alone = f", and for .pdb and .cif with force_field, and {what} is none of these"
-            raise InputError(f"{key}: is for files of force fields ({choices(PARAMETERS)}){alone}")
-
-
-def _force_field_system(
-    path: Path,
-    coordinates: str | os.PathLike[str] | None,
-    force_field: str | Sequence[str] | None,
-    cutoff: float | str | None,
-    rigid: str | None,
-) -> System:
-    """Return the System of files of a force field, in gromacs units."""
-    kind = path.suffix.lower()
-    if coordinates is None and kind in PARAMETERS:
-        what = foreign(path)
-        if what and not what.startswith("is a topology"):
-            raise InputError(f"{path}: {what}")
-        what = what.rpartition("; ")[0]  # without the advice that it needs coordinates
-        raise InputError(
-            f"{path}: give --coordinates FILE to kickdrift run (coordinates in Python){what and f'; it {what}'}"
-        )
-    if coordinates is not None and kind not in PARAMETERS:
-        raise InputError(f"coordinates: {path} has its own; only {choices(PARAMETERS)} take others")
-    if force_field is not None and kind in WHOLE:
-        takers = [each for each in (*PARAMETERS, ".pdb", ".cif") if each not in WHOLE]
-        raise InputError(f"force_field: {path} holds its force field; only {choices(takers)} take another")
-    files = [force_field] if isinstance(force_field, str) else list(force_field or ())
-    reach = quantity(cutoff, "length", unit_system("gromacs"), "cutoff") if isinstance(cutoff, str) else cutoff
-    if reach is not None and not (is_number(reach) and 0 < reach < np.inf):
-        raise InputError(f"cutoff: expected a length above zero, got {shown(cutoff)}")
-    reader = bridge("openmm", f"{path}: a file of a force field")
-    with prefixed(f"{path}: "):
-        found: System = reader.file_system(path, reader.Asked(coordinates, files, reach, rigid))
-    return found
 
 
 def structure_system(path: Path) -> System:
@@ -252,11 +211,13 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
         raise InputError(f"units: required key is missing; expected one of {', '.join(UNIT_SYSTEMS)}")
     units = unit_system(data["units"])
     table: schema.SystemTable = schema.checked(schema.SystemTable, data, units)
-    if not {"force", "event"} & table.model_fields_set:
-        raise InputError("force: required key is missing")
     run = run_defaults(table.run, units)
-    forces = [_force(force, units, f"force[{k}]", path.parent) for k, force in enumerate(table.force)]
+    forces = [_force(force, units, f"force[{k}]", path.parent) for k, force in enumerate(table.force or ())]
     frame = frame_system(table, units, path.parent)
+    if frame is None and (frame := told_system(table, units, path.parent)) is not None:
+        forces += frame.forces
+    elif table.force is None and not table.event:
+        raise InputError("force: required key is missing")
     start = _start(table, units, path.parent, G_given(forces, units), seed, frame)
     velocities = start.velocities
     drawn = table.velocities is not None and table.velocities.temperature is not None
@@ -314,6 +275,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
             temperature = table.velocities.temperature
             made = system(drawn_velocities(made, temperature, seed))
     check_overlaps(made, near=not overlaps)
+    object.__setattr__(made, "ephemerides", start.ephemerides)
     return made if not table.event else made.watched(events_of(made, table.event))
 
 
@@ -356,7 +318,7 @@ def _start(
             if table.velocities is not None:
                 raise InputError("elements and plummer already set velocities; expected no [velocities]")
             return (
-                on_orbits(particles, gravity, seed)
+                on_orbits(particles, gravity, seed, units=units, folder=folder)
                 if isinstance(particles, ElementsTable)
                 else cluster(particles, units, seed)
             )

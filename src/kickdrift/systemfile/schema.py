@@ -103,6 +103,7 @@ class PositionsTable(Table):
 
 class FileTable(Table):
     file: str
+    coordinates: str | None = None  # of a file of a force field
     frame: int | None = None  # of a run's file
     charge: Charges = None
     charges: list[base.Charge] | None = None
@@ -163,6 +164,12 @@ class BoxTable(Table):
         return self
 
 
+class ForceFieldTable(Table):
+    files: list[str] = []
+    cutoff: base.Edge | None = None
+    rigid: Literal["hydrogen", "water", "none"] | None = None
+
+
 class SystemTable(Table):
     units: str
     title: str = ""
@@ -173,7 +180,8 @@ class SystemTable(Table):
     topology: base.TopologyTable | None = None
     constraint: list[base.ConstraintTable] = []
     virtual_site: list[base.VirtualSiteTable] = []
-    force: list[dict[str, Any]] = []  # each is checked against the constructor of its class
+    force: list[dict[str, Any]] | None = None  # each is checked against the constructor of its class
+    force_field: ForceFieldTable | None = None  # in place of forces, or beside them
     event: list[dict[str, Any]] = []  # each is checked against the table of its type
     run: dict[str, Any] = {}  # checked against the options of the methods
     equilibrate: dict[str, Any] | None = None  # checked as [run] is

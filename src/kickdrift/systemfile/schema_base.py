@@ -153,15 +153,45 @@ class BodyTable(CentralTable):
     M: Angle = None
     E: Angle = None
     T: Moment = None
+    horizons: str | None = None
+    spk: str | None = None
+    target: int | None = None
+    date: Any = None
+    plane: Literal["ecliptic", "equator"] = "ecliptic"
+    origin: int = 10
 
     @model_validator(mode="after")
     def _an_orbit(self) -> BodyTable:
+        if self.from_jpl:
+            return self._at_a_date()
+        if lost := [key for key in ("target", "date", "plane", "origin") if key in self.model_fields_set]:
+            raise InputError(f"{lost[0]}: goes with horizons or spk")
         self.one_of("a", "q", "P")
         where = [key for key in ("f", "M", "E", "T") if getattr(self, key) is not None]
         if len(where) > 1:
             raise InputError(f"expected one of f, M, E, T, got {' and '.join(where)}")
         if self.count is None and self.spread:
             raise InputError(f"{self.spread[0]} is a range, which needs count, the number of bodies to draw")
+        return self
+
+    @property
+    def from_jpl(self) -> bool:
+        """Whether the state comes from JPL Horizons, or from a kernel."""
+        return self.horizons is not None or self.spk is not None
+
+    def _at_a_date(self) -> BodyTable:
+        """Check a body whose state comes from JPL."""
+        self.one_of("horizons", "spk")
+        if (self.target is None) == (self.spk is not None):
+            raise InputError(
+                "target: the number of the body in the kernel is missing, such as 2000001"
+                if self.spk is not None
+                else "target: goes with spk; horizons names its body"
+            )
+        if self.date is None:
+            raise InputError("date: required with horizons and spk, such as 2025-01-01T00:00")
+        if other := sorted(self.model_fields_set & {*ORBIT, "count", "primary"}):
+            raise InputError(f"{other[0]}: excluded by {'horizons' if self.spk is None else 'spk'}")
         return self
 
     @property
@@ -180,8 +210,10 @@ class BodiesTable(Table):
 
     @model_validator(mode="after")
     def _seeded(self) -> BodiesTable:
-        if self.frame != "heliocentric" and any(body.primary is not None for body in self.elements):
-            raise InputError(f'primary: goes with frame = "heliocentric", not "{self.frame}"')
+        for body in self.elements if self.frame != "heliocentric" else ():
+            if body.primary is not None or body.from_jpl:
+                key = "primary" if body.primary is not None else "horizons" if body.spk is None else "spk"
+                raise InputError(f'{key}: goes with frame = "heliocentric", not "{self.frame}"')
         drawn = any(body.spread for body in self.elements)
         if drawn != (self.seed is not None):
             what = "is missing; bodies are drawn with a seed" if drawn else "needs ranges, but there are none"

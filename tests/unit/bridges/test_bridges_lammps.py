@@ -8,10 +8,8 @@ import pytest
 import kickdrift as kd
 from kickdrift.bridges.lammps import script
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.forces.external.lammps_library import lammps_class
+from kickdrift_validation.lammps_inputs import Beside, ours
 
-TERMS = {"pair": ("evdwl",), "charges": ("ecoul", "elong"), "bonds": ("ebond",), "angles": ("eangle",),
-         "dihedrals": ("edihed",), "impropers": ("eimp",)}  # fmt: skip
 CRYSTAL = """\
 units metal
 lattice {lattice}
@@ -139,47 +137,12 @@ OPLS = {"pair": "lj/cut/coul/long 6.0 7.0", "special": "lj/coul 0 0 0.5", "dihed
         "more": "kspace_style ewald 1e-11\npair_modify table 0 mix arithmetic"}  # fmt: skip
 
 
-class Beside:
-    """LAMMPS after the same input: energies by term, forces, and positions after steps."""
-
-    def __init__(self, path, monkeypatch):
-        monkeypatch.chdir(path.parent)
-        self.lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
-        for line in path.read_text(encoding="utf-8").splitlines():
-            if not line.startswith("run"):
-                self.lmp.command(line)
-        for line in ("thermo_style one", "thermo_modify norm no", "neigh_modify delay 0 every 1 check yes", "run 0"):
-            self.lmp.command(line)
-        self.order = np.argsort(self.lmp.numpy.extract_atom("id"))
-
-    def rows(self, name):
-        n = self.lmp.get_natoms()
-        ids = self.lmp.numpy.extract_atom("id")[:n]
-        return np.array(self.lmp.numpy.extract_atom(name)[:n])[np.argsort(ids)]
-
-    def energies(self):
-        return {name: sum(self.lmp.get_thermo(key) for key in keys) for name, keys in TERMS.items()}
-
-
-def ours(system):
-    """Energies by term, and forces (n, 3)."""
-    energies, forces = dict.fromkeys(TERMS, 0.0), np.zeros((len(system), 3))
-    for force in system.forces:
-        alone = system.under([force])
-        found = BoundForces(alone).measure(0.0, system.state.phase)
-        kind = "charges" if force.name == "coulomb" else getattr(force, "kind", "pair")
-        kind = "pair" if force.name == "listed-pairs" else kind
-        energies[kind] += found.potential
-        forces += (found.accelerations * system.coherent_masses).T
-    return energies, forces
-
-
 def agree(system, there, energy=1e-6, force=1e-5, lumped=False):
     """Energies by term and forces agree. Where charges cancel, the scale of the energy of pairs is that of LAMMPS'
     sums, since its erfc is a polynomial with errors of 1.5e-7."""
     energies, forces = ours(system)
     theirs = there.energies()
-    scale = sum(abs(there.lmp.get_thermo(key)) for key in ("evdwl", "ecoul", "elong")) if lumped else 0.0
+    scale = there.cancelling() if lumped else 0.0
     if lumped:  # LAMMPS counts scaled pairs in two terms, kickdrift in one
         for found in (energies, theirs):
             found["pair"] += found.pop("charges")
@@ -191,12 +154,7 @@ def agree(system, there, energy=1e-6, force=1e-5, lumped=False):
 
 def steps_agree(system, there, count=20, limit=1e-5):
     """The same places after some steps of velocity Verlet."""
-    sim = kd.Simulation(system)
-    sim.advance(count)
-    there.lmp.command(f"run {count}")
-    low = np.array(there.lmp.extract_box()[0])
-    apart = system.box.minimum_image(sim.state.positions - (there.rows("x") - low))
-    assert np.abs(apart).max() < limit
+    assert there.moved(system, count) < limit
 
 
 def written(tmp_path, text):
@@ -206,9 +164,9 @@ def written(tmp_path, text):
 
 
 @pytest.mark.parametrize("name", CRYSTALS)
-def test_many_body_styles_agree_with_lammps(name, tmp_path, monkeypatch):
+def test_many_body_styles_agree_with_lammps(name, tmp_path):
     path = written(tmp_path, CRYSTALS[name])
-    system, there = kd.System.from_lammps(path), Beside(path, monkeypatch)
+    system, there = kd.System.from_lammps(path), Beside(path)
     assert (system.units.name, system.run.steps, system.run.dt) == ("metal", 100, 0.001)
     assert type(system.forces[0]).__name__ == {
         "sw": "StillingerWeber",
@@ -219,18 +177,18 @@ def test_many_body_styles_agree_with_lammps(name, tmp_path, monkeypatch):
     steps_agree(system, there)
 
 
-def test_lennard_jones_in_a_leaning_box(tmp_path, monkeypatch):
+def test_lennard_jones_in_a_leaning_box(tmp_path):
     path = written(tmp_path, LEANING)
-    system, there = kd.System.from_lammps(path), Beside(path, monkeypatch)
+    system, there = kd.System.from_lammps(path), Beside(path)
     assert system.box.tilts == (1.1, -0.7, 0.9)
     agree(system, there)
     steps_agree(system, there)
 
 
 @pytest.mark.parametrize("solver", ["ewald 1e-11"])
-def test_charges_agree_with_lammps(solver, tmp_path, monkeypatch):
+def test_charges_agree_with_lammps(solver, tmp_path):
     path = written(tmp_path, SALT.format(solver=solver))
-    system, there = kd.System.from_lammps(path), Beside(path, monkeypatch)
+    system, there = kd.System.from_lammps(path), Beside(path)
     agree(system, there)
     steps_agree(system, there)
 
@@ -239,7 +197,7 @@ def test_charges_agree_with_lammps(solver, tmp_path, monkeypatch):
 def test_molecules_agree_with_lammps(case, tmp_path, monkeypatch):
     molecule(tmp_path, np.random.default_rng(2))
     path = written(tmp_path, MOLECULES.format(**case))
-    system, there = kd.System.from_lammps(path), Beside(path, monkeypatch)
+    system, there = kd.System.from_lammps(path), Beside(path)
     agree(system, there, lumped=True)
     steps_agree(system, there)
 
@@ -315,7 +273,8 @@ BAD = {
     "read_restart x": "line 2: read_restart hides styles",
     "variable x&&\n#": "line 2: ends with a second &",
     "plugin load x.so": "line 2: plugin loads libraries",
-    "frobnicate": "line 2: frobnicate is not among the commands",
+    "frobnicate": "line 2: frobnicate is not among the commands.*if you trust the input",
+    "pair_stlye lj/cut 2.5": "line 2: pair_stlye is not among the commands.*; did you mean 'pair_style'",
     "include ${file}": "line 2: include names its file by a variable",
     "pair_style ${style} 2.5": "line 2: pair_style names its style by a variable",
     "pair_style 'python' 2.5": "line 2: pair_style names its style by a variable or in quotes",
@@ -330,6 +289,15 @@ def test_what_an_input_may_not_have_is_refused_in_one_line(line, tmp_path):
     with pytest.raises(kd.InputError, match=BAD[line]) as refused:
         kd.load(written(tmp_path, f"units lj\n{line}\natom_style atomic\n"))
     assert "\n" not in str(refused.value)
+
+
+def test_an_input_without_a_pair_style_states_that(tmp_path):
+    text = "\n".join(line for line in LEANING.splitlines() if not line.startswith("pair_"))
+    with pytest.raises(kd.InputError, match="has no pair_style before its first run; write 'pair_style none'"):
+        kd.load(written(tmp_path, text))
+    assert kd.load(written(tmp_path, text.replace("run", "pair_style none\nrun"))).forces == ()
+    with pytest.raises(kd.InputError, match="has no commands that build a system"):
+        kd.load(written(tmp_path, "# nothing\n"))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="such a name is not possible")

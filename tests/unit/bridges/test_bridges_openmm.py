@@ -8,6 +8,7 @@ from openmm import unit
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.systemfile.reading import loads
 
 REFERENCE = openmm.Platform.getPlatformByName("Reference")
 ALANINE = """\
@@ -533,9 +534,10 @@ def test_bad_files_end_in_one_line(files):
     (files / "own.xml").write_text("<ForceField><Script>print(1)</Script></ForceField>", encoding="utf-8")
     (files / "x.prmtop").write_text("%VERSION\n", encoding="utf-8")
     (files / "cut.gro").write_text(GRO[:100], encoding="utf-8")
+    (files / "few.top").write_text(TOP[:200], encoding="utf-8")
     for match, path, more in (
         (
-            r"acid.top: give --coordinates FILE to kickdrift run \(coordinates in Python\); it is a topology",
+            r"acid.top: give --coordinates FILE \(coordinates in Python and in \[particles\]\); it is a topology",
             top,
             {},
         ),
@@ -549,8 +551,13 @@ def test_bad_files_end_in_one_line(files):
         ("cutoff: is for files of force fields.*, and a dict is none of these", {"units": "lj"}, {"cutoff": 1.0}),
         ("none.gro: no such file", top, {"coordinates": files / "none.gro"}),
         (r"coordinates come from files that end in \.inpcrd", top, {"coordinates": top}),
-        ("cut.gro: OpenMM cannot take it", top, {"coordinates": files / "cut.gro"}),
+        ("cut.gro: line 4: is no whole atom, and line 2 says 4 atoms", top, {"coordinates": files / "cut.gro"}),
         ("broken.top: OpenMM cannot take it", files / "broken.top", {"coordinates": files / "acid.gro"}),
+        (
+            "few.top: is no whole .top file: it has no .* molecules",
+            files / "few.top",
+            {"coordinates": files / "acid.gro"},
+        ),
         ("No template found for residue 0", pdb, {"force_field": "tip3p.xml"}),
         ("own.xml: has a script, which OpenMM would run as Python", pdb, {"force_field": str(files / "own.xml")}),
         ("rigid: expected hydrogen, water, none, got 'all'", pdb, {"force_field": "amber14-all.xml", "rigid": "all"}),
@@ -607,4 +614,56 @@ def test_own_force_fields_include_others(files, monkeypatch):
 def test_a_structure_without_a_force_field_runs_with_a_warning(files, kickdrift):
     status, _, err = kickdrift("run", files / "alanine.pdb", "--dt", "1 fs", "--steps", "2")
     assert status == 0
-    assert err.count("no force acts; give --force-field FILE") == 1
+    assert err.count("no force acts; give force_field (--force-field)") == 1
+
+
+def test_a_system_file_has_a_force_field(files, kickdrift):
+    top = """
+    units = "real"
+    force_field = { cutoff = "9 angstrom", rigid = "none" }
+    particles = { file = "acid.top", coordinates = "acid.gro" }
+    """
+    pdb = top.replace("acid.top", "alanine.pdb").replace(', coordinates = "acid.gro"', "")
+    pdb = pdb.replace('cutoff = "9 angstrom"', 'files = ["amber14-all.xml"]')
+    for name, text, plain in (
+        ("a.toml", top, kd.load(files / "acid.top", coordinates=files / "acid.gro", cutoff=0.9, rigid="none")),
+        ("b.toml", pdb, kd.load(files / "alanine.pdb", force_field="amber14-all.xml", rigid="none")),
+    ):
+        (files / name).write_text(text, encoding="utf-8")
+        ours = kd.load(files / name)
+        assert ours.units.name == "real"
+        assert [force.name for force in ours.forces] == [force.name for force in plain.forces]
+        found = [BoundForces(each).measure(0.0, each.state.phase).potential for each in (ours, plain)]
+        assert found[0] * 4.184 == pytest.approx(found[1], rel=1e-12)
+    for old, new, problem in (
+        ('"real"', '"lj"', "force_field.cutoff: lj quantities are plain numbers"),
+        ('"real"', '"si"', "units: a force field has units metal, real, gromacs, got 'si'"),
+        (', coordinates = "acid.gro"', "", "particles.file: .*acid.top: give --coordinates FILE"),
+        ('file = "acid.top", coordinates = "acid.gro"', "positions = [[0, 0, 0]]", "force_field: goes with particles"),
+        ('"none"', '"all"', "force_field.rigid: expected 'hydrogen', 'water' or 'none'"),
+    ):
+        with pytest.raises(kd.InputError, match=problem):
+            loads(top.replace(old, new), folder=files)
+    status, _, err = kickdrift("info", files / "acid.top", "--coordinates", files / "acid.gro")
+    assert (status, err) == (0, "")
+
+
+def test_other_units_and_sites_go_to_openmm(water):
+    topology, x = with_sites(*water, "tip4pew.xml")
+    theirs = built(topology, "tip4pew.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6, rigidWater=True)
+    first = kd.System.from_openmm(theirs, topology, x)
+    again = kd.System.from_openmm(*first.in_units("metal").to_openmm())
+    assert again.state.phase == pytest.approx(first.state.phase, abs=1e-12)
+    found = [BoundForces(each).measure(0.0, each.state.phase).potential for each in (again, first)]
+    assert found[0] == pytest.approx(found[1], rel=1e-11)
+
+
+def test_scaled_pairs_beyond_a_cutoff_are_refused():
+    x = np.array([[0.1, 0.1, 0.1], [0.5, 0.1, 0.1], [0.9, 0.1, 0.1]])
+    ours = kd.System(
+        x, masses=12.0, box=[3.0] * 3, units="gromacs",
+        forces=[kd.LennardJones(1.0, 0.3, cutoff=0.7, truncation="cut")],
+        topology=kd.Topology([(0, 1), (1, 2)], factors=(0.0, 0.5, 1.0)),
+    )  # fmt: skip
+    with pytest.raises(kd.InputError, match=r"scaled pair \[0, 2\] is 0.8 nm apart, beyond 0.7 nm, and OpenMM has no"):
+        ours.to_openmm()

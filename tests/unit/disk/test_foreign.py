@@ -10,8 +10,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError
-from kickdrift.systemfile.files import PARAMETERS
-from kickdrift.systemfile.reading import STRUCTURES
+from kickdrift.systemfile.files import PARAMETERS, STRUCTURES
 from kickdrift_validation.fuzzing.lammps_data import CHAIN
 
 PSF = """PSF
@@ -84,7 +83,7 @@ def test_a_file_of_another_program_is_named_whatever_its_ending(folder):
                 kd.load(other)
             (folder / other).rename(folder / name)
             needs = (
-                "give --coordinates FILE to kickdrift run (coordinates in Python); it "
+                "give --coordinates FILE (coordinates in Python and in [particles]); it "
                 if other.endswith(PARAMETERS)
                 else ""
             )

@@ -31,7 +31,10 @@ def main() -> None:
     arrays: dict[str, Any] = {}
     try:
         lmp.file(str(commands))
-        told, arrays = _state(lmp, answer.with_name("coefficients.data"))
+        styles = [
+            line.split()[1:2] for line in commands.read_text("utf-8").splitlines() if line.startswith("pair_style")
+        ]
+        told, arrays = _state(lmp, answer.with_name("coefficients.data"), not styles or styles[-1] == ["none"])
     except Exception as error:
         text = str(error)
         last = re.search(r"Last input line: (.*)", text)
@@ -41,8 +44,9 @@ def main() -> None:
     lmp.close()
 
 
-def _state(lmp: Any, data: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What LAMMPS holds after its set-up: numbers by name, and arrays in the order of the particles' ids."""
+def _state(lmp: Any, data: Path, pairless: bool) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What LAMMPS holds after its set-up: numbers by name, and arrays in the order of the particles' ids. A system
+    without a pair style is ``pairless``, and LAMMPS then tells no coefficients of pairs."""
     if not lmp.get_natoms():
         return {"error": "the input makes no atoms before its first run"}, {}
     for line in ("thermo_style one", "thermo_modify norm no flush yes", "run 0 post no"):
@@ -63,12 +67,12 @@ def _state(lmp: Any, data: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     for kind in LISTS:
         if lmp.extract_setting(f"n{kind}"):
             arrays[kind] = np.array(getattr(lmp.numpy, f"gather_{kind}")())
-    for key in MATRICES:
+    for key in () if pairless else MATRICES:
         with contextlib.suppress(Exception):  # styles differ in what they tell
             if (found := lmp.extract_pair(key)) is not None:
                 upper = np.triu(np.array(found, dtype=float))  # the rest is not set
                 arrays[f"pair_{key}"] = upper + np.triu(upper, 1).T
-    lmp.command(f"write_data '{data}' pair ij")
+    lmp.command(f"write_data '{data}'" + ("" if pairless else " pair ij"))
     told["coefficients"] = _head(data)
     return told, arrays
 

@@ -51,8 +51,9 @@ def asked_of(read: Read) -> Asked:
             found.left.append(where)
         elif style == "langevin":
             start, end, damping = _three(where, rest)
-            if rest[4:]:
-                found.left.append(f"{' '.join(rest[4:])} of {where}")
+            more = [word for word, before in zip(rest[4:], rest[3:], strict=False) if "tally" not in (word, before)]
+            if more:
+                found.left.append(f"{' '.join(more)} of {where}")
             _bath(where, found, "baoab", start, end, friction=1.0 / damping)
         elif style == "temp/csvr":
             start, end, tau = _three(where, rest)

@@ -1,4 +1,4 @@
-"""Pair styles of LAMMPS as forces: Lennard-Jones, charges, embedded atoms, Stillinger-Weber, Tersoff, or LAMMPS' own.
+"""Pair styles of LAMMPS as forces: pair laws, charges, embedded atoms, Stillinger-Weber, Tersoff, or LAMMPS' own.
 
 LAMMPS' coul/dsf differs from kickdrift's damped-shifted law by a constant and in pairs that bonds scale, so it stays
 LAMMPS' own.
@@ -18,23 +18,34 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.bridges.lammps.laws import LENNARD_JONES, STYLES, PairStyle
 from kickdrift.bridges.lammps.reading import Read, span
 from kickdrift.errors import InputError
-from kickdrift.forces import FORCES, Coulomb, EmbeddedAtom, LammpsForce, ListedPairs, StillingerWeber, Tersoff
+from kickdrift.forces import (
+    Coulomb,
+    EmbeddedAtom,
+    LammpsForce,
+    LennardJones,
+    ListedPairs,
+    StillingerWeber,
+    Tersoff,
+)
 from kickdrift.forces.charges.accuracy import LEAST, MOST, TYPICAL
+from kickdrift.forces.external.lammps import PLAIN as PLAIN_TEXT
 from kickdrift.forces.external.lammps_library import POTENTIALS, lammps_class
 from kickdrift.model.molecules.relatives import Relatives
 from kickdrift.model.state import Floats
 from kickdrift.text import choices
 
 LONG = "coul/long"
-PLAIN_STYLES = ("lj/cut", f"lj/cut/{LONG}", LONG)
+LINEAR = "lj/smooth/linear"  # Lennard-Jones with truncation "force-shift"
 MESHES = ("pppm", "pppm/cg", "pppm/stagger")
 MANY_BODY = {"sw": StillingerWeber, "tersoff": Tersoff}
 EAM = ("eam", "eam/alloy", "eam/fs", "eam/he")
 SUFFIXES = ("/opt", "/omp", "/gpu", "/intel", "/kk")
 HARMLESS = {"table", "tabinner", "table/disp", "nofdotr", "mix", "shift", "tail"}  # of pair_modify
 PLAIN = (1.0, 1.0, 1.0)
+CLOSE = 1e-5  # relative, between a number and LAMMPS' six digits of it
 
 
 class Charges(NamedTuple):
@@ -82,7 +93,7 @@ def pairs_of(read: Read, types: Types, kinds: NDArray[np.int64], given: Charges,
     own: list[Any] | None = [] if name in ("none", "zero") else None
     if name in EAM or name in MANY_BODY:
         own = _many_body(read, types, name)
-    elif name in PLAIN_STYLES:
+    elif name in (LONG, LINEAR) or _style(name) is not None:
         own = _plain(read, types, name, arguments, given, listed)
     if own is None:
         own = [_in_lammps(read, types, given, factors or listed)]
@@ -127,23 +138,32 @@ def _listed(read: Read, kinds: NDArray[np.int64], given: Charges, listed: list[A
     return ListedPairs(pairs, depths, lengths, products)
 
 
-# --- Lennard-Jones and charges ---
+# --- pair laws and charges ---
+
+
+def _style(name: str) -> PairStyle | None:
+    """The row of a pair style, also with charges beside its law; None without one."""
+    plain = LENNARD_JONES if name == LINEAR else name.removesuffix(f"/{LONG}")
+    row = STYLES.get(plain)
+    return row if row is not None and (row.long or plain == name or name == LINEAR) else None
 
 
 def _plain(
     read: Read, types: Types, name: str, arguments: list[str], given: Charges, listed: list[Any]
 ) -> list[Any] | None:
-    """Lennard-Jones and Coulomb's law; None where LAMMPS' own style is needed."""
+    """A pair law and Coulomb's law; None where LAMMPS' own style is needed."""
     modified = _modified(read)
     if not modified.keys() <= HARMLESS or modified.get("shift") == modified.get("tail") == "yes":
         return None
     numbers = [float(each) for each in arguments]
     forces: list[Any] = []
-    if name.startswith("lj/cut"):
-        cutoff = _one_cutoff(read, types, numbers[0])
-        if cutoff is None or (listed and modified.get("shift") == "yes"):
+    if (style := _style(name)) is not None:
+        own, cutoff = (numbers[:1], numbers[1]) if name == "yukawa" else ([], numbers[0])
+        laws = _laws(read, types, style, own, cutoff)
+        if laws is None or (listed and (modified.get("shift") == "yes" or style.force is not LennardJones)):
             return None
-        forces.append(_lennard_jones(read, types, cutoff, modified))
+        truncation = "force-shift" if name == LINEAR else "shift" if modified.get("shift") == "yes" else "cut"
+        forces.append(_pair_force(style, laws, truncation, modified.get("tail") == "yes"))
     if name.endswith(LONG) and given.charges is not None:
         forces.append(_coulomb(read, numbers[-1], given))
     return forces
@@ -157,28 +177,52 @@ def _modified(read: Read) -> dict[str, str]:
     return found
 
 
-def _one_cutoff(read: Read, types: Types, default: float) -> float | None:
-    """The cutoff of all pairs that interact; None if they have several."""
-    rows = {row.types: row for row in read.rows("PairIJ")}
-    epsilon, found = read.arrays["pair_epsilon"], set()
+def _laws(
+    read: Read, types: Types, style: PairStyle, own: list[float], default: float
+) -> dict[tuple[str, str], dict[str, float]] | None:
+    """Parameters and cutoff of each pair of species; None where LAMMPS tells not all of their digits."""
+    rows = {row.types: row.numbers() for row in read.rows("PairIJ")}
+    mixed = style.mixes and all(f"pair_{key}" in read.arrays for key in ("epsilon", "sigma"))
+    found = {}
     for i, j in combinations_with_replacement(sorted(types.species), 2):
-        if epsilon[i, j]:
-            values = rows[i, j].numbers() if (i, j) in rows else []
-            found.add(values[2] if len(values) > 2 else default)
-    if any(math.isclose(each, default, rel_tol=1e-5) for each in found):
-        found = {default if math.isclose(each, default, rel_tol=1e-5) else each for each in found}
-    return default if not found else found.pop() if len(found) == 1 else None
+        values = rows.get((i, j), [])
+        if mixed:
+            well = [float(read.arrays[f"pair_{key}"][i, j]) for key in ("epsilon", "sigma")]
+            values = [*well, *values[2:]] if values else [*well, default]
+        if len(values) < 2 or not (mixed or read.states(i, j)):
+            return None
+        *coefficients, end = values
+        cutoff = _cutoff(rows, i, j, end, default)
+        law = style.parameters(coefficients, cutoff, own)
+        if mixed and not (law["epsilon"] and law["sigma"]):
+            law |= {"epsilon": 0.0, "sigma": cutoff / 3.0}  # of no effect without a well
+        found[types.species[i], types.species[j]] = law | {"cutoff": cutoff}
+    return found
 
 
-def _lennard_jones(read: Read, types: Types, cutoff: float, modified: dict[str, str]) -> Any:
-    epsilon, sigma = (read.arrays[f"pair_{key}"] for key in ("epsilon", "sigma"))
-    pairs = {}
-    for i, j in combinations_with_replacement(sorted(types.species), 2):
-        reach = float(sigma[i, j]) if epsilon[i, j] and sigma[i, j] else cutoff / 3.0  # of no effect without a well
-        pairs[types.species[i], types.species[j]] = {"epsilon": float(epsilon[i, j]), "sigma": reach}
+def _cutoff(rows: dict[tuple[int, ...], list[float]], i: int, j: int, told: float, default: float) -> float:
+    """The cutoff of a pair with all its digits: the style's, or that of two types that LAMMPS mixes."""
+    ends = [rows[k, k][-1] for k in (i, j) if (k, k) in rows]
+    known = [default]
+    if i != j and len(ends) == 2:
+        a, b = ends
+        known += [math.sqrt(a * b), 0.5 * (a + b), (0.5 * (a**6 + b**6)) ** (1.0 / 6.0)]
+    return next((each for each in known if math.isclose(each, told, rel_tol=CLOSE)), told)
+
+
+def _pair_force(style: PairStyle, laws: dict[tuple[str, str], dict[str, float]], truncation: str, tail: bool) -> Any:
+    """The force with these parameters of pairs of species."""
+    acting = {pair: law["cutoff"] for pair, law in laws.items() if law.get("epsilon", 1.0)} or {
+        pair: law["cutoff"] for pair, law in laws.items()
+    }
+    cutoff = max(acting.values())
+    one = len(set(acting.values())) == 1
+    pairs = {
+        pair: {key: value for key, value in law.items() if key != "cutoff" or not (one or pair not in acting)}
+        for pair, law in laws.items()
+    }
     tables: dict[str, Any] = next(iter(pairs.values())) if len(pairs) == 1 else {"pairs": pairs}
-    truncation = "shift" if modified.get("shift") == "yes" else "cut"
-    return FORCES["lennard-jones"](cutoff=cutoff, truncation=truncation, tail=modified.get("tail") == "yes", **tables)
+    return style.force(**{"cutoff": cutoff, "truncation": truncation, "tail": tail} | tables)
 
 
 def _coulomb(read: Read, cutoff: float, given: Charges) -> Coulomb:
@@ -268,8 +312,19 @@ def _in_lammps(read: Read, types: Types, given: Charges, special: Any) -> Lammps
     if any(line.startswith("dielectric") for line in commands):
         raise InputError(f"pair_style {style}: dielectric has no counterpart beside it")
     charged = "charge" if given.charges is not None and given.charges.any() else "atomic"
-    coefficients = [" ".join(words) for row in rows for words in renumbered(row, types)]
+    coefficients = [" ".join(_found(read.folder, words)) for row in rows for words in renumbered(row, types)]
     return LammpsForce(style, coefficients or "* *", commands, charged)
+
+
+def _found(folder: Path, words: Sequence[str]) -> Iterator[str]:
+    """The words of a line, in which files beside the input have their whole path, unless that is more than a word."""
+    for word in words:
+        path = str((folder / word).resolve())
+        yield (
+            path
+            if folder != Path.cwd() and (folder / word).is_file() and PLAIN_TEXT.issuperset(path.replace(" ", "'"))
+            else word
+        )
 
 
 def _data_rows(read: Read) -> Iterator[list[str]]:

@@ -67,7 +67,7 @@ class Read(NamedTuple):
         word = kind.removesuffix("IJ").lower()
         given, size = self._given(word), 2 if kind == "PairIJ" else 1
         if told := _section(self.told["coefficients"], kind):
-            return [_exact(row, given) for row in told]
+            return [_exact(row, given, size == 2) for row in told]
         style = " ".join(self.last(f"{word}_style")[:1])
         count = int(
             (
@@ -82,6 +82,17 @@ class Read(NamedTuple):
             for types in product(*(span(each, count) for each in words[:size])):
                 found[types] = _row([*map(str, types), *words[size:]], size, style)
         return list(found.values())
+
+    def states(self, i: int, j: int) -> bool:
+        """Whether the input gives coefficients of this pair of types, which LAMMPS then does not mix."""
+        last = max(i, j)
+        for words in self.all("pair_coeff"):
+            if not all(set(each) <= set("0123456789*") for each in words[:2]):  # labels of types
+                return True
+            one, other = (span(each, last) for each in words[:2])
+            if (i in one and j in other) or (j in one and i in other):
+                return True
+        return i == j and any(words[0] == str(i) for text in self.files for words in _lines(text, "pair"))
 
     def _given(self, word: str) -> list[list[str]]:
         """Words of all coefficients of a kind in commands and in the data files that they read."""
@@ -186,13 +197,14 @@ def _row(words: Sequence[str], size: int, style: str) -> Row:
     return Row(tuple(map(int, words[:size])), words[size] if own else style, tuple(values))
 
 
-def _exact(row: Row, given: Sequence[Sequence[str]]) -> Row:
+def _exact(row: Row, given: Sequence[Sequence[str]], paired: bool = False) -> Row:
     """The row with the digits of the input: its numbers as they end a line of coefficients, if they are the same to
-    LAMMPS' six digits."""
-    for words in given:
-        values = words[-len(row.values) :]
-        if len(values) == len(row.values) and all(map(_same, values, row.values)):
-            return row._replace(values=tuple(values))
+    LAMMPS' six digits. A line of a pair may leave out the cutoff, the last number."""
+    for part in (len(row.values), len(row.values) - 1) if paired else (len(row.values),):
+        for words in given if part else ():
+            values = words[-part:]
+            if len(values) == part and all(map(_same, values, row.values[:part])):
+                return row._replace(values=(*values, *row.values[part:]))
     return row
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from kickdrift.text import shown
 BYTES = 2**24  # most that an input may have
 DEEPEST = 8  # inputs within one another
 MOST_COMMANDS = 100_000  # with those of included inputs
+NEAR = 0.75  # likeness of a misspelt command to the right one, at least
 MARK = "@kickdrift "  # begins the line in which LAMMPS says a command, with its variables replaced
 END = frozenset(("run", "minimize", "rerun", "neb", "neb/spin", "prd", "tad", "hyper", "temper", "temper/grem",
                  "temper/npt", "dynamical_matrix", "third_order"))  # fmt: skip
@@ -76,15 +78,17 @@ def script_of(path: Path, trusted: bool = False) -> Script:
             raise InputError(f"{where}: kickdrift reads at most {MOST_COMMANDS:,} commands")
         word, *rest = line.split()
         if word in END:
-            steps = int(rest[0]) if word == "run" and rest and rest[0].isdecimal() else None
+            steps = (int(rest[0]) or None) if word == "run" and rest and rest[0].isdecimal() else None
             break
         if word in SKIPPED:
             continue
         if word == "read_restart":
             raise InputError(f"{where}: {RESTART}")
         if not trusted and (why := refusal(word, rest)):
+            known = (*SKIPPED, *NOTED, *TOLD, *BUILDING, *LOOPS, *RUNS, *END)
+            near = get_close_matches(word, known, 1, NEAR) if word not in known else []
             advice = "in Python trusted=True, on the command line --load FILE, if you trust the input"
-            raise InputError(f"{where}: {word} {why}; {advice}")
+            raise InputError(f"{where}: {word} {why}; {f'did you mean {near[0]!r}?' if near else advice}")
         lines += [] if word in NOTED else [line]
         lines += [_said(line)] if word in TOLD | NOTED else []
     return Script(lines, steps, trusted)

@@ -35,6 +35,7 @@ _HEADING = re.compile(r"units = (\w+)")
 _STYLE = re.compile(r"^[ \t]*Atoms[ \t]*#[ \t]*(\w+)", re.MULTILINE)
 HEAD = 2**20  # bytes of a data file in which its styles are searched
 SLACK = 1e-9
+REST = {"zero": 0, "morse": 2}  # place of the length or angle of rest among coefficients; 1 in other styles
 
 
 def system_of(
@@ -66,6 +67,8 @@ def _script(path: Path, units: str | None, commands: Sequence[str], trusted: boo
         if units is not None or commands:
             raise InputError("units and commands are for data files; an input has its own")
         script = script_of(whole, trusted)
+        if not script.lines:
+            raise InputError("has no commands that build a system; the file may be cut off")
         if not any(line.split()[0] == "units" for line in script.lines):
             raise InputError(f"states no units; begin it with units {choices(UNITS)}")
         return script
@@ -114,6 +117,8 @@ def _system(found: Read, script: Script, name: str) -> System:
 
 def _refuse(found: Read) -> None:
     """Refuse what kickdrift lacks: units, atom styles, and left out pairs."""
+    if not found.all("pair_style"):
+        raise InputError("has no pair_style before its first run; write 'pair_style none' for a system without one")
     units, style = found.told["units"], found.told["atom_style"]
     if units not in UNITS:
         raise InputError(f"units {units}: expected {choices(UNITS)}, whose numbers kickdrift shares")
@@ -179,8 +184,16 @@ def _constraints(found: Read, number: dict[int, int], asked: Asked) -> list[Cons
     """Rigid bonds with the lengths of their types, and rigid angles by the distance of their ends."""
     if not asked.rigid["bonds"]:
         return None
-    lengths = {row.types[0]: row.numbers()[1] for row in found.rows("Bond")}
-    rests = {row.types[0]: row.numbers()[1] for row in found.rows("Angle")} if asked.rigid["angles"] else {}
+    lengths = {
+        row.types[0]: row.numbers()[REST.get(row.style, 1)]
+        for row in found.rows("Bond")
+        if row.types[0] in asked.rigid["bonds"]
+    }
+    rests = {
+        row.types[0]: row.numbers()[REST.get(row.style, 1)]
+        for row in found.rows("Angle")
+        if row.types[0] in asked.rigid["angles"]
+    }
     pairs: dict[tuple[int, int], float] = {}
     for which, *ids in found.arrays["bonds"].tolist():
         if which in asked.rigid["bonds"]:

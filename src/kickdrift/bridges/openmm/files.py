@@ -16,6 +16,8 @@ import openmm.app as app
 from openmm import unit
 
 from kickdrift.errors import InputError
+from kickdrift.model.starts.gro import refuse_cut
+from kickdrift.systemfile.files import prefixed
 from kickdrift.text import choices, clean, shown
 
 CUTOFF = 1.0  # nm, as OpenMM's own default
@@ -28,6 +30,8 @@ FRAMES: dict[str, Callable[[str], Any]] = {  # readers of coordinates
     ".inpcrd": app.AmberInpcrdFile, ".rst7": app.AmberInpcrdFile, ".rst": app.AmberInpcrdFile,
     ".gro": app.GromacsGroFile, ".crd": app.CharmmCrdFile, ".pdb": app.PDBFile, ".cif": app.PDBxFile,
 }  # fmt: skip
+INNER = (AttributeError, IndexError, KeyError, TypeError, StopIteration)  # readers did not mean to raise these
+CUT = ("invalid literal", "could not convert", "Illegal line", "Too few fields")  # begin errors of damaged files
 EVALUATED = "useDispersionCorrection"  # attribute whose text OpenMM's reader of XML evaluates as Python
 
 
@@ -69,6 +73,8 @@ def told(what: str = "") -> Iterator[None]:
             raise
         except Exception as error:  # readers raise many kinds
             text = clean(" ".join(str(error).split()), 300)
+            if isinstance(error, INNER) or text.startswith(CUT):
+                text = f"it may be cut off or damaged ({type(error).__name__}: {text})"
             traceback.clear_frames(error.__traceback__)
             raise InputError(f"{what}OpenMM cannot take it: {text}") from None
 
@@ -81,6 +87,9 @@ def _frame(path: Path, asked: Asked) -> Any:
         raise InputError(f"{where}: coordinates come from files that end in {choices(FRAMES)}")
     if not where.is_file():
         raise InputError(f"{where}: no such file")
+    if where.suffix.lower() == ".gro":
+        with prefixed(f"{where}: "):
+            refuse_cut(where)
     with told(f"{where}: "):
         return FRAMES[where.suffix.lower()](str(where))
 
@@ -113,9 +122,21 @@ def _gromacs(path: Path, asked: Asked) -> Parts:
     frame = _frame(path, asked)
     edges = _edges(frame)
     folder = {"includeDir": asked.force_field[0]} if asked.force_field else {}
-    found = app.GromacsTopFile(str(path), periodicBoxVectors=edges, **folder)
+    found = _top(path, periodicBoxVectors=edges, **folder)
     made = found.createSystem(**_settings(asked, edges is not None))
     return Parts(made, found.topology, frame.positions, None)
+
+
+def _top(path: Path, **given: Any) -> Any:
+    """OpenMM's reader of a .top. Raises InputError for one that ends early."""
+    try:
+        found = app.GromacsTopFile(str(path), **given)
+    except AttributeError:  # of the reader's own, which [ defaults ] would have set
+        found = None
+    if found is None or not found.topology.getNumAtoms():
+        lacks = "[ defaults ], or includes none" if found is None else "[ molecules ] with a molecule"
+        raise InputError(f"is no whole .top file: it has no {lacks}")
+    return found
 
 
 def _charmm(path: Path, asked: Asked) -> Parts:

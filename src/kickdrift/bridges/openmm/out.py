@@ -1,9 +1,9 @@
-"""OpenMM's objects of a System in units ``gromacs``: the way out; `kickdrift.bridges.openmm.system` is the way in."""
+"""OpenMM's objects of a System, in units ``gromacs``: the way out; `kickdrift.bridges.openmm.system` is the way in."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,10 @@ from kickdrift.forces import (
 from kickdrift.forces.pairs.ends import WITH_TAIL
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.model.molecules.relatives import molecules_of
+from kickdrift.model.molecules.virtual_sites import VirtualSite
 from kickdrift.model.system import System
+from kickdrift.systemfile.converting import MOLECULAR
+from kickdrift.text import choices
 
 CONDUCTOR = 1e15  # relative permittivity that stands for a conductor
 SYMBOL = re.compile(r"[A-Z][a-z]?(?![a-z])")
@@ -50,7 +53,10 @@ BONDED |= dict.fromkeys(
 
 def parts_of(system: System) -> Parts:
     """Return OpenMM's objects; see `System.to_openmm`."""
+    if system.units.name not in MOLECULAR:
+        raise InputError(f"to_openmm: units {system.units.name!r}: expected {choices(MOLECULAR)}")
     _refuse(system)
+    system = system.in_units("gromacs")
     made = openmm.System()
     for mass in system.state.masses.tolist():
         made.addParticle(mass)
@@ -77,17 +83,15 @@ def parts_of(system: System) -> Parts:
     if system.constraints is not None:
         for (i, j), length in zip(system.constraints.pairs.tolist(), system.constraints.lengths.tolist(), strict=True):
             made.addConstraint(i, j, length)
+    for particle, site in _sites(system):
+        made.setVirtualSite(particle, site)
     return Parts(made, topology, system.state.positions, system.state.velocities)
 
 
 def _refuse(system: System) -> None:
     """Refuse what these forces of OpenMM do not have."""
-    if system.units.name != "gromacs":
-        raise InputError(f"to_openmm: units {system.units.name!r}: expected gromacs (nm, ps, u, kJ/mol)")
     if system.dimensions != 3 or (system.box.periodic and not all(system.box.periodic_axes)):
         raise InputError("to_openmm: OpenMM's boxes are periodic along three axes, or open")
-    if system.virtual_sites is not None:
-        raise InputError("to_openmm: virtual sites stay behind; take them out, or build the system in OpenMM")
     for force in system.forces:
         if type(force) not in (*BONDED, Cmap, LennardJones, Coulomb, ListedPairs):
             raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")
@@ -110,6 +114,36 @@ def _refuse(system: System) -> None:
                     f"to_openmm: coulomb: pair {[i, j]} is scaled in a reaction field; OpenMM leaves the field out of "
                     "such pairs, with other energies"
                 )
+
+
+def _sites(system: System) -> Iterator[tuple[int, Any]]:
+    """Yield the particle of each virtual site, and OpenMM's site."""
+    for table in () if system.virtual_sites is None else system.virtual_sites.tables:
+        given = VirtualSite(**table)
+        for particle, of, weights, normal in zip(
+            given.particles.tolist(), given.of.tolist(), given.weights.tolist(), given.normal.tolist(), strict=True
+        ):
+            if len(of) == 2:
+                yield particle, openmm.TwoParticleAverageSite(*of, *weights)
+            elif normal:
+                yield particle, openmm.OutOfPlaneSite(*of, *weights[1:], normal)
+            else:
+                yield particle, openmm.ThreeParticleAverageSite(*of, *weights)
+
+
+def _refuse_far(system: System, pair: Any) -> None:
+    """Refuse scaled pairs that the cutoff or a switch reaches, because OpenMM computes such pairs as if there were
+    none."""
+    assert system.topology is not None
+    pairs, factors = system.topology.scaled
+    pairs = pairs[factors != 0]
+    end = pair.cutoff if pair.switch_start is None else pair.switch_start
+    apart = np.sqrt((system.box.minimum_image(np.diff(system.state.positions[pairs], axis=1)[:, 0]) ** 2).sum(axis=1))
+    for k in np.flatnonzero(apart > end)[:1]:
+        raise InputError(
+            f"to_openmm: lennard-jones: the scaled pair {pairs[k].tolist()} is {apart[k]:.4g} nm apart, beyond "
+            f"{end:.4g} nm, and OpenMM has no cutoff for such pairs"
+        )
 
 
 def _cmap(force: Cmap) -> Any:
@@ -141,6 +175,8 @@ def _nonbonded(system: System) -> Any:
         made.setSwitchingDistance(pair.switch_start)
     terms: dict[tuple[int, int], tuple[float, float, float]] = {}
     if system.topology is not None:
+        if pair is not None:
+            _refuse_far(system, pair)
         kinds = system.species_index
         for (i, j), factor in zip(*(part.tolist() for part in system.topology.scaled), strict=True):
             (first, one), (second, other) = laws[kinds[i]], laws[kinds[j]]

@@ -1,7 +1,7 @@
 """Systems whose bodies' spins are part of the state: tides that turn them, and the other forces beside these.
 
-y of such a System has 2 n columns. The first n are the bodies. The others hold the spins as velocities, and the angles
-of rotation as positions. Only the force that turns the spins sees all columns.
+y of such a System has n columns more, which hold the spins as velocities, and the angles of rotation as positions:
+see ``forces.beside.columns``.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kickdrift.errors import InputError
+from kickdrift.forces.beside.columns import COLUMNS, Columns
 from kickdrift.forces.laws.body_law import body_law
 from kickdrift.forces.laws.central import check_open, check_positive, column, gravitational_constant
 from kickdrift.forces.seam.arguments import Vector, check_not_negative, values_in
-from kickdrift.forces.seam.group import ListedForce
 from kickdrift.model.state import Floats
 
 
@@ -149,50 +149,18 @@ class TidesSpin(NamedTuple):
         return Spinning(gm, bulge, p.tau, inertia, p.spin, float(p.flattening == "rotational"))
 
 
-SPINS = "spins"  # column of a run's file
+SPINS = "spins"  # field of a State, and column of a run's file
 
 
-def spinning(system: Any) -> Any | None:
-    """The force that turns the spins of a System's bodies; None if spins are no part of the state."""
-    found = [force for force in getattr(system, "forces", ()) if isinstance(force, TidesSpin)]
-    if len(found) > 1:
-        raise InputError("tides-spin: a system takes one force of this kind; give the values of all bodies in it")
-    return found[0] if found else None
+def _with_spins(force: Any, spins: Floats) -> Any:
+    """The force with these spins (3, n) at the start."""
+    return replace(force, spin=tuple(map(tuple, spins.T.tolist())))
 
 
-def first_spins(system: Any) -> tuple[Floats, Floats]:
-    """Spins (3, n) at the start, and moments of inertia (n,)."""
-    p = spinning(system).bound_law(system)  # type: ignore[union-attr]
-    return np.array(p.spin), np.array(p.inertia)
-
-
-def with_spins(system: Any, spins: Floats) -> Any:
-    """The system with these spins (n, 3) at the start."""
-    given = tuple(map(tuple, spins.tolist()))
-    return system.under(replace(each, spin=given) if each.name == TidesSpin.name else each for each in system.forces)
-
-
-class Beside:
-    """A force of a System with spins: on the bodies alone, unless the force turns the spins."""
-
-    def __init__(self, force: Any, system: Any) -> None:
-        if isinstance(force, ListedForce):
-            raise InputError(f"force {force.name!r}: does not go with tides-spin, which takes gravity and fields")
-        self.force, self.system, self.name = force, system, force.name
-
-    def bind(self, system: Any, threads: int = 1) -> Any:
-        """Return the parts: a NamedTuple with a compiled body."""
-        from kickdrift.forces.around.spins_kernel import BesideSpins
-
-        if self.force.name == TidesSpin.name:
-            return self.force.bind(self.system, threads)
-        n = len(self.system)
-        return BesideSpins(self.force.bind(self.system, threads), np.zeros((2, 3, n)), np.zeros((3, n)))
-
-
-class UnderSpins:
-    """The forces of a System with spins, for its bodies and their spins. See ``BoundForces``."""
-
-    def __init__(self, system: Any) -> None:
-        self.name = system.name
-        self.forces = tuple(Beside(force, system) for force in system.forces)
+COLUMNS[TidesSpin.name] = Columns(
+    SPINS,
+    first=lambda force, system: np.array(force.bound_law(system).spin),
+    begun=_with_spins,
+    listed=lambda force, system: [(SPINS, "rate", (len(system), 3), np.transpose)],
+    moments=lambda force, system: np.array(force.bound_law(system).inertia),
+)

@@ -120,6 +120,10 @@ class PairForce(ListedForce, Grouped):
                 found[a, b] = f"pairs {a}-{b}"
         return found
 
+    def cores(self, system: Subject) -> set[str]:
+        """Species on which the law acts at all; others, such as hydrogen of water, may come near any particle."""
+        return {name for pair in self.acting_on(system) or () for name in pair}
+
     @property
     def law(self) -> Any:
         """Parameters of the law for one species."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.around.spins import TidesSpin
+from kickdrift.forces.beside.columns import COLUMNS
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
 from kickdrift.forces.external.lammps import LammpsForce
@@ -59,8 +59,9 @@ class Varied:
             raise InputError(f"force {force.name!r}: has no variational equations; gravity, fields and functions do")
         if isinstance(force, Coulomb):  # as yet
             raise InputError(f"force {force.name!r}: has no variational equations; pair forces without charges do")
-        if isinstance(force, TidesSpin):
-            raise InputError(f"force {force.name!r}: spins that evolve have no variational equations; 'tides' has them")
+        if (kind := COLUMNS.get(force.name)) is not None:
+            hint = "; 'tides' has them" if kind.moments else ""
+            raise InputError(f"force {force.name!r}: {kind.key} that evolve have no variational equations{hint}")
         self.force, self.system, self.name = force, system, force.name
         self._masses, self._along, self._first = masses, along, along if first is None else first
         if self._first < along and not isinstance(force, Gravity):

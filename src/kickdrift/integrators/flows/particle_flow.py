@@ -37,6 +37,7 @@ class ParticleStates:
     of_particles = True
     halves = 2
     hits = False  # whether hard spheres hit between two looks, so that the pressure needs both
+    carries = False  # whether unknowns beside the bodies can advance apart from them: see ``Method.carries_unknowns``
 
     def __init__(self, system: System) -> None:
         with no_overflow():
@@ -175,6 +176,7 @@ class ParticleFlow(ParticleStates):
         self._kept = None if self._listed and len(system) >= MANY else self._forces_aside(system)
         self._seen: tuple[Floats, Floats, float, Floats, Floats] | None = None  # y, edges, virial, its parts, forces
         self.others: BoundForces | None = None  # forces that a method has bound by itself
+        self.groups: list[int] | None = None  # groups of the forces that a method kicks by; None for those they have
         self._look_at(system)
         if system.dimensions == 2:
             self._check_in_plane()
@@ -192,6 +194,11 @@ class ParticleFlow(ParticleStates):
     def _aside(self) -> BoundForces:
         """Forces that share no lists with the run."""
         return self._kept or self._forces_aside(self.subject)
+
+    def kick_apart(self, forces: list[Any], groups: list[int]) -> None:
+        """Let steps kick by these forces in place of the System's, each in its group. Samples have the System's."""
+        self.forces, self.groups = BoundForces(self.subject.under(forces), self.forces.threads), groups
+        self._shared = False
 
     def _under(self, system: System) -> Any:
         """The forces of the flow, see ``BoundForces``."""

@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
 from kickdrift.integrators.options import COMPENSATED, OF_PRESSURE, SUBSTEPS, Option
-from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK, MIRROR, group_of, letters_of, nested, rows_of
+from kickdrift.integrators.splitting.subflows import (
+    BESIDE,
+    DRIFT,
+    FLOWS,
+    KICK,
+    MIRROR,
+    group_of,
+    letters_of,
+    nested,
+    rows_of,
+)
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -132,9 +142,33 @@ class Splitting(Method):
     @property
     def in_steps(self) -> bool:
         """Whether the word is a row of leapfrog steps, kick, drift and kick, so that its order is that of the row."""
-        halves = [0.5 * weight for weight in self.drift]
-        kicks = [a + b for a, b in zip([0.0, *halves], [*halves, 0.0], strict=True)]
-        return self.letters == tuple("BA" * len(halves) + "B") and np.allclose(self.kick, kicks, rtol=0.0, atol=1e-14)
+        return self._steps_between(KICK, DRIFT)
+
+    def _steps_between(self, outer: str, inner: str) -> bool:
+        """Whether the word is a row of steps of half an ``outer``, a whole ``inner`` and half an ``outer``."""
+        halves = [0.5 * weight for weight in self.of(inner)]
+        ends = [a + b for a, b in zip([0.0, *halves], [*halves, 0.0], strict=True)]
+        in_turn = self.letters == tuple((outer + inner) * len(halves) + outer)
+        return in_turn and np.allclose(self.of(outer), ends, rtol=0.0, atol=1e-14)
+
+    @property
+    def carries_unknowns(self) -> bool:  # type: ignore[override]
+        """Whether unknowns beside the bodies can advance in the word: an order above 2 must come from leapfrog
+        steps alone."""
+        steps = self.order <= 2 or self.in_steps or self._steps_between(DRIFT, KICK)
+        return steps and not (self.groups or self.overdamped or BESIDE in self.letters)
+
+    def beside(self) -> Any:
+        """The word with unknowns beside the bodies: in the middle of each drift, or around each kick in a word that
+        begins with a drift. A row of leapfrog steps keeps its order, up to the order 4 of the unknowns' own method."""
+        first = next(letter for letter in self.letters if letter in (DRIFT, KICK))
+        inner, outer = (KICK, BESIDE) if first == DRIFT else (BESIDE, DRIFT)
+        parted = DRIFT if first == KICK else KICK
+        letters: list[tuple[str, float]] = []
+        for each, weight in zip(self.letters, self.weights, strict=True):
+            halves = [(outer, 0.5 * weight), (inner, weight), (outer, 0.5 * weight)]
+            letters += halves if each == parted else [(each, weight)]
+        return replace(self, word=" ".join(each for each, _ in letters), weights=tuple(weight for _, weight in letters))
 
     @property
     def evaluations(self) -> int:

@@ -85,6 +85,8 @@ class Composition(Lettered, Protocol):
 
     def mirrored(self) -> Any: ...
 
+    def beside(self) -> Any: ...
+
 
 class SplittingStepper(FixedStepper):
     """Steps of a word over flows. The workspace keeps the accelerations of the last kick while positions stay fixed."""
@@ -131,7 +133,8 @@ class SplittingStepper(FixedStepper):
                 "reflecting-wall: mirrors single particles, and constraints hold whole molecules; take a soft wall, "
                 "such as harmonic-wall"
             )
-        method = self._method.mirrored() if walled else self._method
+        method = self._method.beside() if flow.of_particles and flow.carries else self._method  # type: ignore[union-attr]
+        method = method.mirrored() if walled else method
         rows = [FLOWS[letter] for letter in method.further]
         stages, further_stages, kick_groups = method.stages, method.further_stages, method.kick_groups
         if held:
@@ -272,6 +275,8 @@ def _walled(flow: Flow) -> bool:
 
 def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:
     """Group of each force. Raises InputError for a group that the word does not kick."""
+    if (own := getattr(flow, "groups", None)) is not None:
+        return np.array(own, np.int64)
     forces = [] if not isinstance(flow.subject, System) else flow.subject.forces
     groups = [whole_number(f"force {force.name}: group", getattr(force, "group", 0), 0) for force in forces]
     for force, group in zip(forces, groups, strict=True):

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from kickdrift.integrators.stepping.subflow_code import BoundSubflow
 
 
-DRIFT, KICK, MIRROR = "A", "B", "W"
+DRIFT, KICK, MIRROR, BESIDE = "A", "B", "W", "Y"
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,12 @@ def _mirrors(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
     return bind(flow, options, weights)
 
 
+def _unknowns(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
+    from kickdrift.integrators.splitting.unknowns import bind
+
+    return bind(flow, options, weights)
+
+
 FLOWS = {
     DRIFT: Subflow("drift", moves=True),
     KICK: Subflow("kick", moves=False),
@@ -98,6 +104,7 @@ FLOWS = {
     "D": _bath("D", "Andersen's collisions", RATE, SEED, drags=True),
     "N": _bath("N", "Nosé-Hoover chain", TAU, CHAIN, drags=False),
     MIRROR: Subflow("bounces off hard walls", moves=True, bind=_mirrors),
+    BESIDE: Subflow("unknowns beside the bodies", moves=True, symplectic=False, reversible=False, bind=_unknowns),
 }
 
 

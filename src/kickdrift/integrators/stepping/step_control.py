@@ -94,6 +94,8 @@ def tolerances_of(flow: Flow, options: Options) -> tuple[Floats, Floats]:
         if isinstance(value, tuple) and len(value) != size:
             raise InputError(f"{key}: expected one number, or {size} as y has components, got {len(value)}")
         found.append(np.full(size, value, dtype=float))
+    if hasattr(flow, "own_tolerances"):
+        flow.own_tolerances(found[1])
     return found[0], found[1]
 
 

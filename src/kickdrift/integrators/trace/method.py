@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from kickdrift.errors import InputError
-from kickdrift.forces.around.spins import spinning
+from kickdrift.forces.beside.columns import further
 from kickdrift.integrators.method import OWN_FORCES, Method
 from kickdrift.integrators.options import HILL_RADII, INNER, PERICENTRE, Option
 from kickdrift.integrators.wisdom_holman.method import one_gravity
@@ -57,13 +57,15 @@ class Trace(Method):
     declared: ClassVar[tuple[Option, ...]] = (HILL_RADII, PERICENTRE, INNER)
 
     def check(self, system: System) -> None:
-        """Raise InputError for a System without a central body, without gravity, with softened gravity, or with spins
-        that evolve."""
+        """Raise InputError for a System without a central body, without gravity, with softened gravity, or with
+        unknowns beside the bodies, such as spins."""
         one_gravity(self.name, system)
-        if spinning(system):
+        for force, kind in further(system):
             raise InputError(
-                f"{self.name}: moves bodies, and force 'tides-spin' also turns their spins; gauss-radau15 takes both, "
-                "and force 'tides' leaves the spins as they are"
+                f"{self.name}: moves bodies, and force {force.name!r} also "
+                + ("turns their spins" if kind.moments else f"changes {kind.key}")
+                + "; gauss-radau15 takes both"
+                + (", and force 'tides' leaves the spins as they are" if kind.moments else "")
             )
         if not np.any(system.state.masses > 0.0):
             raise InputError(f"{self.name}: needs a central body, but no particle has mass")

@@ -53,6 +53,7 @@ class Bodies(NamedTuple):
     x: NDArray[np.float64]  # (2, 3, n) positions for forces other than gravity, and velocities, always 0
     a: NDArray[np.float64]  # (3, n) accelerations by these forces
     kernel: Any = None  # what a kernel of higher order needs; see ``kernels``
+    beside: Any = None  # (2,) addresses of the code that advances unknowns beside the bodies, and of its parts, if any
 
 
 def fill_table(table: Floats, central: Any, source: Any, before: Any, jacobi: bool) -> None:

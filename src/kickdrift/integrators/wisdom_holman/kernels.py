@@ -17,6 +17,7 @@ from numba import types
 from kickdrift.forces.bound.table import EVALUATIONS
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options import LAZY, MODIFIED_KICK
+from kickdrift.integrators.stepping.subflow_code import call_subflow
 from kickdrift.integrators.wisdom_holman import bodies as rows
 from kickdrift.integrators.wisdom_holman import flows
 from kickdrift.integrators.wisdom_holman.bodies import (
@@ -63,6 +64,7 @@ def kick(kernel, others, bodies, stages, stage, dt, t, cursor):
         def plain(kernel, others, bodies, stages, stage, dt, t, cursor):
             with_jump, others_act = not bodies.jacobi, others.table.shape[0] > 0
             if others_act:
+                advance_beside(bodies.beside, bodies, t, 0.5 * dt)
                 status = flows.fill_others(others, bodies, t, cursor)
                 if status != OK:
                     return status
@@ -72,6 +74,7 @@ def kick(kernel, others, bodies, stages, stage, dt, t, cursor):
                 flows.jacobi_kick(bodies, dt, t)
             if others_act:
                 flows.add_accelerations(bodies, dt)
+            advance_beside(bodies.beside, bodies, t, 0.5 * dt)
             if with_jump:
                 flows.jump(bodies, 0.5 * dt if others_act else dt)
             cursor[EVALUATIONS] += 1
@@ -93,6 +96,19 @@ def kick(kernel, others, bodies, stages, stage, dt, t, cursor):
         return status
 
     return corrected
+
+
+@by_type
+def advance_beside(beside, bodies, t, span):
+    """Advance unknowns beside the bodies, if there are any, while the bodies rest."""
+    if isinstance(beside, types.NoneType):
+        return lambda beside, bodies, t, span: None
+
+    def advance(beside, bodies, t, span):
+        flows.fill_positions(bodies)
+        call_subflow(beside[0], beside[1], t, span, 0, 0, bodies.x[0], bodies.x[1])
+
+    return advance
 
 
 @jit

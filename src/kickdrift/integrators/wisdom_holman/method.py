@@ -137,7 +137,7 @@ class WisdomHolman(Method):
     family = "Kepler splitting"
     symplectic = True
     reversible = True
-    separable = True
+    separable = carries_unknowns = True
     particles_only = True
     batched = True
     evaluations = 1
@@ -185,9 +185,24 @@ class WisdomHolman(Method):
             raise InputError(
                 f"kernel: {MODIFIED_KICK} needs the gradient of each force, and {others[0]!r} has none; lazy needs none"
             )
+        if getattr(flow, "carries", False):
+            self._check_unknowns(flow, options)
         from kickdrift.integrators.wisdom_holman.stepper import WisdomHolmanStepper
 
         return WisdomHolmanStepper(flow, self.table(options), options)
+
+    def _check_unknowns(self, flow: Any, options: Options) -> None:
+        """Refuse unknowns beside the bodies with options that are made for gravity alone, and rates that depend on
+        velocities, which the kicks do not know."""
+        for key in (CORRECTOR.name, KERNEL.name):
+            if (value := options.get(key)) and value != STANDARD:
+                raise InputError(f"{key}: {value} does not go with unknowns beside the bodies; leave it out")
+        for force in flow.subject.forces:
+            if getattr(force, "unknowns", 0) and force.reads_velocities(flow.subject):
+                raise InputError(
+                    f"{self.name}: kicks know positions alone, and f of force {force.name!r} depends on velocities; "
+                    "velocity-verlet and gauss-radau15 take it"
+                )
 
     def in_lanes(self, members: Members, options: Options) -> LaneStepper:
         from kickdrift.integrators.wisdom_holman.batch import WisdomHolmanLanes

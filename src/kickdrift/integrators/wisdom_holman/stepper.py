@@ -14,6 +14,7 @@ from kickdrift.forces.gravity.direct import Gravity
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.integrators.options import JACOBI, KERNEL, STANDARD, Options
 from kickdrift.integrators.splitting.method import Splitting
+from kickdrift.integrators.splitting.unknowns import unknowns_of
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.stepping.stepping import CompiledSteps, Regular, Retimed
 from kickdrift.integrators.wisdom_holman import bodies as rows
@@ -60,6 +61,7 @@ class WisdomHolmanStepper(Retimed, Regular):
         others = system.under(force for force in system.forces if not isinstance(force, Gravity))
         self._others = BoundForces(others, flow.forces.threads)
         flow.others = self._others  # type: ignore[union-attr]
+        self._beside = unknowns_of(self._others)
         self._looks = BoundForces(others, flow.forces.threads, thin=True)  # for the corrector of samples
         drift, kick = np.array(table.drift), np.array([*table.kick, 0.0])
         passed = np.cumsum(drift)
@@ -106,6 +108,8 @@ class WisdomHolmanStepper(Retimed, Regular):
             gm=float(gm[central]), shares=masses / masses.sum(), x=np.zeros((2, 3, len(masses))),
             a=np.zeros((3, len(masses))),
         )  # fmt: skip
+        if self._beside is not None:
+            self._bodies = self._bodies._replace(beside=np.array([self._beside.address, self._beside.work]))
         own = self._bodies
         self._shown = own._replace(  # at the step point
             orbit=aligned(own.orbit.shape), carry=aligned(own.carry.shape), centre=aligned(own.centre.shape),
@@ -143,7 +147,7 @@ class WisdomHolmanStepper(Retimed, Regular):
         """(2, 3, n) positions and velocities."""
         y = np.empty((2, 3, len(self._listed)))
         leave(bodies.orbit, bodies.carry, bodies.centre, self._slots, self._listed, self._masses, self._jacobi, y)
-        return y
+        return y if self._beside is None else self._beside.joined(y)
 
     # --- steps ---
 
@@ -155,6 +159,7 @@ class WisdomHolmanStepper(Retimed, Regular):
     def _begin_at(self, y: Floats, time: float, steps: int) -> None:
         self.y, self.steps_done = y, steps
         self._start = time - steps * self.dt
+        self._hold(y)
         self._cursor = np.zeros(SLOTS, np.int64)
         self._under_way = self._shows = False
         self._corrected = not self._correct.size
@@ -175,6 +180,12 @@ class WisdomHolmanStepper(Retimed, Regular):
         """See Stepper."""
         super().recall(memory)
         self._shows = False
+        self._hold(self.y)
+
+    def _hold(self, y: Floats) -> None:
+        """Go on with the unknowns of y, whose bodies the map has in its own coordinates."""
+        if self._beside is not None:
+            self._beside.hold(y)
 
     @property
     def _lists(self) -> BoundForces:

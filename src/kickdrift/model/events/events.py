@@ -232,7 +232,8 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             if pair[0] == pair[1]:
                 raise InputError(f"{event.name}: expected two bodies, got {shown(event.function.body)} twice")
         elif isinstance(event, Crossing):
-            _check_signature(event, ("t", "x", "v"))
+            beside = any(getattr(force, "unknowns", 0) for force in getattr(system, "forces", ()))
+            _check_signature(event, ("t", "x", "v", "y") if beside else ("t", "x", "v"))
         joins = [*system.acting("joins"), *(["bonds"] if system.topology is not None else [])]
         changes = getattr(event, "action", "") in ("merge", "remove", "fragment", "rule")
         if changes and system.charges is not None:

@@ -20,6 +20,7 @@ from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.checks.values import number, numbers
 from kickdrift.model.nearness import any_nearer, nearest_pair
+from kickdrift.model.starts.gro import refuse_cut
 from kickdrift.model.starts.lammps_data import AtomTable, atom_table
 from kickdrift.model.state import Floats
 from kickdrift.model.units.file_units import FileUnits, Scale
@@ -176,7 +177,8 @@ def _tangent(system: Subject, drawn: Floats, temperature: float) -> Floats:
 class Structure(NamedTuple):
     """Particles of an initial state. ``masses`` and ``charges`` are one number or one for each. Edges (three
     lengths or a matrix), velocities and charges are None if unknown, ``seed`` if nothing was drawn. With
-    ``barycentric``, the particles must still be moved to their centre of mass."""
+    ``barycentric``, the particles must still be moved to their centre of mass. ``ephemerides`` say what
+    JPL was asked."""
 
     positions: Floats
     masses: Any
@@ -189,6 +191,7 @@ class Structure(NamedTuple):
     charges: Any = None
     seed: int | None = None
     barycentric: bool = False
+    ephemerides: tuple[str, ...] = ()
 
 
 NEEDS_ASE = "reading structure files needs ASE: pip install 'kickdrift[ase]'"
@@ -237,6 +240,8 @@ def read_structure(
         raise InputError(NEEDS_ASE) from None
     if path.suffix.lower() in (".xyz", ".extxyz"):
         _check_xyz(path)
+    if path.suffix.lower() == ".gro":
+        refuse_cut(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # ASE warns of keys that are not used here
@@ -411,11 +416,13 @@ def check_overlaps(system: Subject, near: bool = True) -> None:
     Particles overlap if they are nearer than ``OVERLAP`` times the smallest length in any force's ``shortest()``; if no
     force has such a length, only at the very same place. Distances are between nearest images. Without forces, and if
     all forces have ``may_overlap``, nothing overlaps. Massless particles do not act on each other and may be at one
-    place. Without ``near``, only particles at the very same place are refused; a minimization moves others apart.
+    place. Virtual sites, and species on which no pair law acts, may be near others. Without ``near``, only particles at
+    the very same place are refused; a minimization moves others apart.
     """
     if all(getattr(force, "may_overlap", False) for force in system.forces) or len(system) < 2:
         return
-    lengths = [length for force in system.forces if (length := getattr(force, "shortest", lambda: None)())]
+    sized = [force for force in system.forces if getattr(force, "shortest", lambda: None)()]
+    lengths = [force.shortest() for force in sized]
     wrapped = np.asarray(system.state.wrapped())
     massless = system.state.masses == 0
     order = np.lexsort((massless, *wrapped.T))  # at one place, massive particles come first
@@ -427,11 +434,19 @@ def check_overlaps(system: Subject, near: bool = True) -> None:
     if not lengths or not near:
         return
     limit = OVERLAP * min(lengths)
-    apart = None if system.topology is None else system.topology.scaled.pairs  # their pair force is left out or scaled
+    named = set().union(*(force.cores(system) if hasattr(force, "cores") else system.species for force in sized))
+    cored = np.array([name in named for name in system.species])[system.species_index]
+    if system.virtual_sites is not None:
+        cored[system.virtual_sites.particles] = False  # such as a lone pair, a charge that may come near
+    rows, wrapped = np.flatnonzero(cored), wrapped[cored]
+    apart = None
+    if system.topology is not None:  # the pair force of these is left out or scaled
+        pairs = system.topology.scaled.pairs
+        apart = (np.cumsum(cored) - 1)[pairs[cored[pairs].all(axis=1)]]
     found = nearest_pair(wrapped, system.box, limit, apart) if any_nearer(wrapped, system.box, limit) else None
     if found is None:
         return
-    first, second, distance = found
+    first, second, distance = int(rows[found[0]]), int(rows[found[1]]), found[2]
     unit = "" if system.units.reduced else f" {system.units.length}"
     raise InputError(
         f"positions: particles {first} and {second} overlap: distance {distance:.6g}{unit}, "

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.forces.around.spins import UnderSpins, spinning
+from kickdrift.forces.beside.columns import bound_under, further
+from kickdrift.forces.beside.unknowns import Beside
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.laws.body_law import BodyForce
 from kickdrift.looks.columns import Column
@@ -55,10 +56,10 @@ class Work(NamedTuple):
 
 
 def working(system: Any) -> dict[str, list[Any]]:
-    """Body laws that do work, by name; none for a Problem."""
+    """Body laws and unknowns that do work, by name; none for a Problem."""
     found: dict[str, list[Any]] = {}
     for force in system.forces if isinstance(system, System) else ():
-        if isinstance(force, BodyForce) and force.works:
+        if isinstance(force, BodyForce | Beside) and force.works:
             found.setdefault(force.name, []).append(force)
     return found
 
@@ -101,12 +102,12 @@ class Meter:
         if sim.system is not self._system:  # a new system after a body has left
             self._system = sim.system
             under = sim.system.under(working(sim.system)[self._name])
-            self._forces = BoundForces(UnderSpins(under) if spinning(sim.system) else under)
+            self._forces, self._beside = BoundForces(bound_under(under)), bool(further(under))
             self._last = (None, (np.nan, np.nan))
         where = sim.steps_done, sim.time
         if self._last[0] != where:
             phase, n = sim.state.phase, len(sim.system)
-            seen = sim.integration.y.copy() if spinning(sim.system) else phase
+            seen = sim.integration.y.copy() if self._beside else phase
             measured = self._forces.measure(sim.time, seen)
             power = np.nan
             if measured is not None:

@@ -196,9 +196,11 @@ def _pairs_left_out(force: PairForce, system: System) -> str:
 
 def unused_warnings(system: Any) -> list[str]:
     """Return warnings of what a System gives and nothing uses: parameters of species that no particle has, and factors
-    without a pair force; and of pairs of species whose parameters nobody gave."""
+    without a pair force; and of pairs of species whose parameters nobody gave, and of particles without any force."""
     if not isinstance(system, System):
         return []
+    if not system.forces and len(system) > 1:
+        return ["no force acts; give force_field (--force-field) for a .pdb or .cif, or forces in a system file"]
     found, pairs = [], [force for force in system.forces if isinstance(force, PairForce)]
     for force in pairs:
         named = [*(force.species or ()), *(name for pair in force.pairs or () for name in pair)]

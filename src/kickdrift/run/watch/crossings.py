@@ -196,10 +196,17 @@ class Crossings(Checkpointed):
         quantity = self._events[self._live[m]].function.quantity  # type: ignore[union-attr]
         return approach(y, *rows) if quantity == "approach" else float(y[0, 2, rows[0]] - y[0, 2, rows[1]])
 
+    def _of_bodies(self, y: Floats) -> tuple[Floats, ...]:
+        """Positions and velocities of the bodies, and the unknowns beside them, if any, which are the last columns."""
+        n = len(self._subject)
+        forces: Any = getattr(self._subject, "forces", ())
+        count = sum(getattr(force, "unknowns", 0) for force in forces)
+        return (y[0, :n], y[1, :n], *([y[1, len(y[1]) - count :, 0]] if count else []))
+
     def _called(self, m: int, time: float, y: Floats, step: int) -> float:
         """A function's value at y as `_turned` gives it; a finite number."""
         event = self._events[self._live[m]]
-        arguments = (y[0], y[1]) if self._bodies_move else (y, *self._subject.args)  # type: ignore[union-attr]
+        arguments = self._of_bodies(y) if self._bodies_move else (y, *self._subject.args)  # type: ignore[union-attr]
         try:
             given = event.function(time, *arguments)  # type: ignore[operator]
         except Exception as error:  # a user's function may raise anything

@@ -11,6 +11,7 @@ from kickdrift.disk import kinds
 from kickdrift.disk.outputs import checked_target, written_whole
 from kickdrift.display.showing import following
 from kickdrift.forces.around.spins import SPINS
+from kickdrift.forces.beside.unknowns import names_in
 from kickdrift.trajectory.export import to_ase, to_lammps, to_mdanalysis, to_rebound
 from kickdrift.trajectory.export.formats import FORMATS, Chosen, Format, losses
 from kickdrift.trajectory.read import reader
@@ -92,6 +93,8 @@ def export(
         notes = write(frames, part, format, told or (lambda done, of: None))
         if SPINS in run.columns:
             notes = [*notes, "spins are lost"]
+        if names := names_in(run.system_record):
+            notes = [*notes, f"unknowns are lost: {', '.join(names)}"]
         if run.box.periodic and not unwrapped:
             notes = [_inside(topology_of(run) is not None, format), *notes]
         if unwrapped and run.box_varies:

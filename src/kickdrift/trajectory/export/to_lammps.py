@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.bridges.lammps_data import DataFile
+from kickdrift.bridges.lammps_data import DataFile, flags_of
 from kickdrift.disk.kinds import LAMMPS_HEADING
 from kickdrift.errors import InputError
 from kickdrift.model.molecules.relatives import molecules_of
@@ -19,7 +19,6 @@ from kickdrift.trajectory.export.formats import REMOVED_LEFT_OUT, Chosen, Format
 from kickdrift.trajectory.read.universe import topology_of
 
 UNITS = ("lj", "metal", "real", "si")  # LAMMPS has the same
-FARTHEST = 511  # image that LAMMPS holds in 10 bits
 MARGIN = 0.01  # of the particles' extent, around them along an open axis
 
 
@@ -80,15 +79,8 @@ def _content(chosen: Chosen, frame: Placed, there: NDArray[np.bool_]) -> DataFil
 
 
 def _flags(frame: Placed, there: NDArray[np.bool_], molecules: NDArray[np.int64]) -> NDArray[np.int64]:
-    """LAMMPS' image flags of the particles. Where these are beyond LAMMPS' own limit, each molecule begins anew: its
-    flags are from the image of its first particle."""
     some = frame._replace(positions=frame.positions[there], unwrapped=frame.unwrapped[there])
-    images, kept = some.images, molecules[there]
-    if np.abs(images).max(initial=0) <= FARTHEST:
-        return images
-    _, first, which = np.unique(kept, return_index=True, return_inverse=True)
-    moved: NDArray[np.int64] = images - images[first[which.reshape(-1)]]
-    return moved
+    return flags_of(some.images, molecules[there])
 
 
 def _bounds(frame: Placed, x: Floats) -> Floats:

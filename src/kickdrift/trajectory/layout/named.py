@@ -65,6 +65,7 @@ class Record(Known):
     constraints: list[dict[str, Any]] = []
     virtual_sites: list[dict[str, Any]] = []
     stages: list[dict[str, Any]] = []
+    ephemerides: list[str] = []
     room: int = Field(0, ge=0, lt=NEVER)
     time: FiniteFloat
     steps_done: int = Field(ge=0, lt=NEVER)

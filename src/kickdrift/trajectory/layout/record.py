@@ -71,6 +71,7 @@ def record_of(system: System) -> dict[str, Any]:
         **({"topology": system.topology.tables()} if system.topology is not None else {}),  # likewise
         **({"constraints": system.constraints.tables()} if system.constraints is not None else {}),  # likewise
         **({"virtual_sites": system.virtual_sites.tables} if system.virtual_sites is not None else {}),  # likewise
+        **({"ephemerides": system.ephemerides} if system.ephemerides else {}),  # likewise
         **({"room": room} if (room := empty_rows(system)) else {}),  # likewise
         "species": system.species,
         "names": system.names,
@@ -166,6 +167,7 @@ def system_of(
             [VirtualSite(**given) for given in record.virtual_sites],
             [stage_of(given) for given in record.stages],
         )
+    object.__setattr__(system, "ephemerides", tuple(record.ephemerides))
     if frame is None:
         return system.at(start, record.time, record.steps_done, run.ids[:n])
     shown = run[frame]
@@ -194,7 +196,8 @@ def differences(system: System, run: RunFile) -> list[str]:
     """Differences between a System and the System that a run began with; empty if they are the same."""
     system = with_empty_rows(system, checked_record(run).room)
     here, there = json.loads(to_json(record_of(system))), dict(run.system_record)
-    skipped = {"name", "invariants", "run", "equilibration", "stages", "seed"}  # keys that do not change the forces
+    # keys that do not change the forces
+    skipped = {"name", "invariants", "run", "equilibration", "stages", "seed", "ephemerides"}
     for record in (here, there):
         record["forces"] = [_compared(force) for force in record["forces"]]
     for one, other in zip(here["forces"], there["forces"], strict=False):

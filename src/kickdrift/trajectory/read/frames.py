@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
 from warnings import warn
 
@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.around.spins import SPINS, spinning, with_spins
+from kickdrift.forces.around.spins import SPINS
+from kickdrift.forces.beside.columns import with_values
+from kickdrift.forces.beside.unknowns import UNKNOWNS, names_in
 from kickdrift.looks.observers import Energies
 from kickdrift.model.box.box import Box
 from kickdrift.model.state import Floats, State
@@ -101,15 +103,21 @@ class Frame:
     @property
     def state(self) -> State:
         """State for a Simulation of the same bodies: ``sim.state = run[k].state``."""
-        phase, spins = np.array([self.positions.T, self.velocities.T]), self._spins
+        phase = np.array([self.positions.T, self.velocities.T])
         own = self._run.masses.copy(), self._run.ids.copy()
-        return State(phase, *own, self.box, self.time, self.step, None if spins is None else spins.T.copy())
+        return replace(State(phase, *own, self.box, self.time, self.step), **self._beside)  # type: ignore[arg-type]
 
     @property
-    def _spins(self) -> Floats | None:
-        """Spins (n, 3) of bodies whose spins evolve, else None."""
-        found = self._run.framed(slice(self.index, self.index + 1)).get(SPINS)
-        return found[0] if found is not None and found.shape[1:] == (len(self._run.ids), 3) else None
+    def _beside(self) -> dict[str, Floats]:
+        """Spins (3, n) and unknowns (k,) beside the bodies, as a State holds them, where the run has them."""
+        found = self._run.framed(slice(self.index, self.index + 1))
+        values, spins = {}, found.get(SPINS)
+        if spins is not None and spins.shape[1:] == (len(self._run.ids), 3):
+            values[SPINS] = spins[0].T.copy()
+        rows = [found.get(name) for name in names_in(self._run.system_record)]
+        if rows and all(row is not None and row.shape == (1,) for row in rows):
+            values[UNKNOWNS] = np.concatenate(rows)  # type: ignore[arg-type]
+        return values
 
     @property
     def system(self) -> System:
@@ -122,8 +130,8 @@ class Frame:
         from kickdrift.trajectory.layout.record import system_of
 
         self._run.refuse_changed()
-        system, spins = system_of(self._run, self.index), self._spins
-        return FrameSystem.of(system if spins is None or spinning(system) is None else with_spins(system, spins))
+        system, values = system_of(self._run, self.index), self._beside
+        return FrameSystem.of(with_values(system, values) if values else system)
 
     @property
     def _alone(self) -> Frames:

@@ -1,4 +1,4 @@
-"""The compiled force on bodies alone, whose System also has spins."""
+"""The compiled force on bodies alone, whose System also has unknowns beside them."""
 
 from typing import Any, NamedTuple
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from kickdrift.forces.seam.kernel import kernel, run_body
 
 
-class BesideSpins(NamedTuple):
+class OnBodies(NamedTuple):
     """A force on the first n columns."""
 
     force: Any  # bound to the bodies
@@ -16,8 +16,8 @@ class BesideSpins(NamedTuple):
     a: NDArray[np.float64]  # (3, n) accelerations of the bodies
 
 
-@kernel(BesideSpins)
-def beside_spins(force, t, x, v, a, sums):
+@kernel(OnBodies)
+def on_bodies(force, t, x, v, a, sums):
     phase, own = force.phase, force.a
     n = own.shape[1]
     for k in range(3):
