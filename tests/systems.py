@@ -88,6 +88,8 @@ def make_system(x, box=None, truncation="shift", mixed=False, seed=0, **options)
         options = {"species": SPECIES, "pairs": PAIRS, **options}
         species = [*"AB", *rng.choice(list("ABC"), max(n - 2, 0))][:n]
     force = LennardJones(**{"cutoff": CUTOFF, "truncation": truncation, **options})
+    if species is not None:
+        force = force.among(species)  # few particles may lack one of them
     return System(x, masses=rng.uniform(0.5, 20.0, n), box=box, forces=[force], species=species)
 
 

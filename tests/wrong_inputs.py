@@ -32,7 +32,7 @@ PYTHON = [
     ),
     (
         "kd.compare(PAIR)",
-        "compare: its reference, dop853, keeps no constraints, because it moves each particle freely; velocity-verlet, baoab and csvr do",
+        "compare: system has no dt in [run], and no method that keeps constraints chooses its step",
     ),
     (
         "kd.Simulation(PAIR, dt=0.01).minimize()",

@@ -138,7 +138,8 @@ def melting_line(name, cells, edge, guess, hot, pressures, picoseconds):
     rows = np.array(rows)
     rows[:, 2] = np.sqrt(np.var(points, axis=1, ddof=1).mean() / RUNS)
     for pressure, melting, error, slope, spread in rows:
-        print(f"{pressure:4.1f} GPa: {melting:6.1f} +- {error:.1f} K, dT/dP = {slope:+.1f} +- {spread:.1f} K/GPa")
+        slopes = f"{slope:+.1f} +- {spread:.1f} K/GPa" if np.isfinite(spread) else f"{slope:+.1f} K/GPa, error unknown"
+        print(f"{pressure:4.1f} GPa: {melting:6.1f} +- {error:.1f} K, dT/dP = {slopes}")
     return rows, traces
 
 

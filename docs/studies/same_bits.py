@@ -121,8 +121,8 @@ def systems() -> dict[str, Callable[[bool], kd.System]]:
             found[name] = lambda few, name=name: other(name, few)
             continue
         if cls is not kd.LennardJones:
-            own = {"pairs": {("A", "B"): {cls.Parameters._fields[0]: 0.8}}}  # laws mix only epsilon and sigma
-            found[name] = lambda few, cls=cls, own=own: liquid([cls(cutoff=2.5, **own)], 2, few=few)
+            own = {"pairs": {("A", "B"): {cls.law_keys[0]: 0.8}}}  # laws mix only epsilon and sigma
+            found[name] = lambda few, cls=cls, own=own: liquid([example(cls, cutoff=2.5, **own)], 2, few=few)
             continue
         for truncation in TRUNCATIONS:
             for species in (1, 2):

@@ -60,6 +60,7 @@ REASONS = {  # words by the text of a refusal
     r"has unknowns beside the bodies|beside: takes neither mixed": "the force has unknowns",
     r"takes neither mixed precision nor a barostat": "spins turn in open space",
     r"mixed needs pair forces": "no pairs to sum",
+    r"takes no mixed precision": "tables need addresses of 64 bits",
     r"(ASE|LAMMPS|OpenMM|rebound) (takes|has no)|rebound: |force '.*': ": "the program lacks this force",
     r"coulomb: method .* possible are": "the program lacks this method",
     r"the device takes": "the program lacks this force",

@@ -36,6 +36,7 @@ COMPILED_IN_SHORT = [
     "mie",
     "soft-pair",
     "weeks-chandler-andersen",
+    "tabulated",
 ]  # powers, waves, choices
 CUTOFF = 2.5
 
@@ -69,7 +70,7 @@ def pair_sums(force, system: kd.System) -> tuple[np.ndarray, float]:
 
 @pytest.mark.parametrize("name", shortened(PAIR_LAWS, COMPILED_IN_SHORT))
 def test_a_compiled_pair_law_is_the_law(name):
-    force = FORCES[name](cutoff=CUTOFF, truncation="cut")
+    force = example(FORCES[name], cutoff=CUTOFF, truncation="cut")
     start = liquid(216)
     system = kd.System(start.state.positions, masses=start.state.masses, box=start.box, forces=[force])
     sim = kd.Simulation(system, dt=0.001)
@@ -83,12 +84,13 @@ def test_a_compiled_pair_law_is_the_law(name):
 def test_a_law_is_the_slope_of_its_energy(name):
     """In plain Python. Central differences, with Richardson's extrapolation to remove the error of h^2."""
     paired, h = name in PAIR_LAWS, 1e-3
-    law = (FORCES[name](cutoff=CUTOFF) if paired else example(FORCES[name])).law
+    law = example(FORCES[name], cutoff=CUTOFF).law
 
     def energy(s: float) -> float:
         return law.law(s * s if paired else s)[0]
 
-    angles = () if paired or FORCES[name].kind == "bonds" else (-1.3, 2.9)
+    angles = {"angles": (2.9,), "dihedrals": (-1.3, 2.9), "impropers": (-1.3, 2.9)}
+    angles = () if paired else angles.get(FORCES[name].kind, ())
     for s in (0.95, 1.02, 1.3, 2.0, *angles):
         slopes = [(energy(s + d) - energy(s - d)) / (2 * d) for d in (h, h / 2)]
         slope = (4 * slopes[1] - slopes[0]) / 3
@@ -103,7 +105,7 @@ WIDE = {key: {"sigma": 2.1} for key in ("soft-pair", "weeks-chandler-andersen")}
 @pytest.mark.parametrize("truncation", TRUNCATIONS)
 @pytest.mark.parametrize("name", shortened(PAIR_LAWS, ["lennard-jones"]))
 def test_a_truncated_pair_law_is_the_gradient_of_its_energy(name, truncation):
-    force = FORCES[name](**WIDE.get(name, {}), cutoff=CUTOFF, truncation=truncation)
+    force = example(FORCES[name], **WIDE.get(name, {}), cutoff=CUTOFF, truncation=truncation)
     assert force_gradients.gradient(force, force_gradients.places(), force_gradients.EDGE) < force_gradients.SLOPE
 
 
@@ -128,7 +130,7 @@ def one_of(name: str) -> kd.System:
         )
     if issubclass(cls, PairForce):
         start = liquid(64)
-        return start.with_forces(cls(cutoff=2.0, truncation="switch"))
+        return start.with_forces(example(cls, cutoff=2.0, truncation="switch"))
     x = rng.normal(size=(6, 3))
     masses = [5.0, *rng.uniform(0.1, 0.2, 5)]
     force = example(cls, G=1.0)

@@ -89,7 +89,7 @@ EACH_KIND = [
     "opls-dihedral",
     "springs",
 ]
-EACH_KIND += ["mie", "coulomb", "restraint", "python", "ase", "lammps", "listed-pairs", "cmap"]
+EACH_KIND += ["mie", "coulomb", "restraint", "python", "ase", "lammps", "listed-pairs", "cmap", "tabulated"]
 
 
 def options_of(system: kd.System, coupling: str, barostat: str) -> dict[str, Any]:

@@ -44,8 +44,8 @@ def test_a_shipped_system_comes_back_from_its_text(name, tmp_path):
 
 @pytest.mark.parametrize("name", [name for name, cls in FORCES.items() if cls.__module__.startswith("kickdrift.")])
 def test_a_force_comes_back_from_its_text(name):
-    law = getattr(FORCES[name], "Parameters", None) if issubclass(FORCES[name], PairForce) else None
-    first, last = (law._fields[0], law._fields[-1]) if law else ("epsilon", "sigma")
+    law = FORCES[name].law_keys if issubclass(FORCES[name], PairForce) else ("epsilon", "sigma")
+    first, last = law[0], law[-1]
     species = {"A": {}, "B": {last: 0.9, "cutoff": 1.2, "truncation": "force-shift"}}
     pairs = {("B", "A"): {first: 0.3, "truncation": "switch", "switch_start": 0.9}}
     lists = {"springs": {"stiffness": (2.0, 3.0)}, "listed-pairs": {"sigma": (0.8, 0.9)}}  # which list their own pairs

@@ -1,6 +1,7 @@
 """Tables that scripts write into pages of the documentation, between two comments that stand there.
 
-python -m kickdrift_validation.docs_tables     (writes the options of integrators into docs/integrators.md)
+python -m kickdrift_validation.docs_tables     (writes the options of integrators into docs/integrators.md, and the
+                                                pair laws into docs/system-file.md)
 """
 
 import argparse
@@ -12,6 +13,7 @@ from typing import Any
 from kickdrift_validation.folders import checkout
 
 BEGIN, END = "<!-- options: kickdrift_validation.docs_tables writes them -->", "<!-- end of options -->"
+LAWS, LAWS_END = "<!-- pair laws: kickdrift_validation.docs_tables writes them -->", "<!-- end of pair laws -->"
 
 
 def put(page: Path, begin: str, end: str, text: str) -> None:
@@ -77,5 +79,38 @@ def whose(methods: list[str]) -> str:
     return "all" if len(methods) == len(every) else ", ".join([*(f"family {family}" for family in whole), *rest])
 
 
+def pair_laws_table() -> str:
+    """The pair laws that ship, as the table of docs/system-file.md."""
+    from kickdrift import forces
+    from kickdrift.forces.pairs.law import PairForce
+
+    laws = [cls for cls in map(forces.__dict__.get, forces.__all__) if issubclass(cls, PairForce)]
+    laws = [cls for cls in laws if cls.Parameters._field_defaults]  # tables have numbers instead
+    rows = [[f"`{cls.name}`", energy_of(cls), parameters_of(cls), f"`{cls.__name__}`", reach_of(cls)] for cls in laws]
+    return table(["`type`", "energy", "parameters and their defaults", "Python: `kd.`", "default cutoff"], rows)
+
+
+def energy_of(cls: Any) -> str:
+    """The first clause of a law's description."""
+    return " ".join(cls.__doc__.split()).partition(";")[0].replace("U(r) = ", "").replace("|", "\\|")
+
+
+def parameters_of(cls: Any) -> str:
+    """The parameters of a law, with their kinds and defaults."""
+    defaults = cls.Parameters._field_defaults
+    kinds = {key: f" ({kind})" for key, kind in cls.dimensions.items()}
+    return ", ".join(f"`{key} = {defaults[key]:g}`{kinds.get(key, '')}" for key in cls.Parameters._fields)
+
+
+def reach_of(cls: Any) -> str:
+    """The cutoff of a law where none is given."""
+    from kickdrift.forces.pairs.law import DEFAULT_CUTOFF
+
+    law = cls.Parameters()
+    reach = getattr(law, "reach", DEFAULT_CUTOFF if hasattr(law, "sigma") else 0.0)
+    return f"{reach:.6g} sigma" if reach else "none: give one"
+
+
 if __name__ == "__main__":
     put(checkout() / "docs" / "integrators.md", BEGIN, END, options_table())
+    put(checkout() / "docs" / "system-file.md", LAWS, LAWS_END, pair_laws_table())

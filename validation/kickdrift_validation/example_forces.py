@@ -39,6 +39,11 @@ def ases_lennard_jones(**given: float) -> Any:
     return LennardJones(**given)
 
 
+def rows(first: float, last: float, energy: Any) -> list[list[float]]:
+    """A table of 241 energies."""
+    return [[x, float(energy(x))] for x in np.linspace(first, last, 241).tolist()]
+
+
 # What a force needs to be told. A number that stands neither here nor among the class's defaults is 0.1.
 EXAMPLES: dict[str, dict[str, Any]] = {
     "eam": {"file": str(shipped()["copper-864"].with_name("Cu_zhou2004.eam.alloy")), "digest": ""},
@@ -61,6 +66,12 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "central-potential": {"acceleration": -0.1, "power": -1.0},
     "mass-change": {"rate": -0.1},
     **{key: {"cutoff": 2.0} for key in ("buckingham", "born-mayer-huggins", "morse-pair", "yukawa", "zbl")},
+    "tabulated": {
+        "table": rows(0.001, 3.0, lambda r: 2.0 * np.exp(-1.5 * r * r) - 0.5 * np.exp(-6.0 * (r - 1.2) ** 2))
+    },
+    "tabulated-bond": {"table": rows(0.0, 20.0, lambda r: (r - 0.7) ** 2 + 0.1 * np.sin(r))},
+    "tabulated-angle": {"table": rows(0.0, 180.0, lambda angle: np.cos(np.radians(2.0 * angle + 30.0)))},
+    "tabulated-dihedral": {"table": rows(-180.0, 180.0, lambda angle: np.cos(np.radians(3.0 * angle + 30.0)))},
     "springs": {"pairs": [[0, 1], [5, 3]], "stiffness": 2.0, "length": 0.5},
     "harmonic-bond": {"stiffness": 2.0, "length": 0.7},
     "fene": {"length": 20.0},

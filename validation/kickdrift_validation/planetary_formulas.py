@@ -13,7 +13,7 @@ import numpy as np
 from mpmath import mp, mpf
 
 import kickdrift as kd
-from kickdrift.forces.around.spins import spinning as spinning_force
+from kickdrift.forces.beside.columns import further
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.integrators.flows.flow import flow_of
 
@@ -372,7 +372,7 @@ def off(name: str) -> float:
 
 def _measured(system: kd.System) -> np.ndarray:
     """Accelerations (n, 3) of the bodies, and below them those of the spins, where spins evolve."""
-    if spinning_force(system) is None:
+    if not further(system):
         return BoundForces(system).measure(TIME, system.state.phase).accelerations.T
     flow = flow_of(system, 1, jumps=True)
     return flow.derivative(TIME, flow.array(system.state))[1].T

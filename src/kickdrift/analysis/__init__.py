@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from kickdrift.analysis.compare.engine_forces import EngineComparison, EngineForces, compare_engines
     from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
     from kickdrift.analysis.crystals.elastic import ElasticConstants, elastic_constants
+    from kickdrift.analysis.crystals.potential import Crystal, PotentialFile, potential_file
+    from kickdrift.analysis.observables.chains import ChainStatistics, chain_diffusion, chain_statistics
     from kickdrift.analysis.observables.dielectric import Dielectric, dielectric_constant
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.observables.pressure import pressure_tensor
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
+    "ChainStatistics": "kickdrift.analysis.observables.chains",
+    "Crystal": "kickdrift.analysis.crystals.potential",
     "Dielectric": "kickdrift.analysis.observables.dielectric",
     "Diffusion": "kickdrift.analysis.observables.motion",
     "ElasticConstants": "kickdrift.analysis.crystals.elastic",
@@ -37,6 +41,7 @@ _HOMES = {
     "EnsembleChecks": "kickdrift.analysis.certify.certificate",
     "ForceChecks": "kickdrift.analysis.certify.certificate",
     "OrbitReport": "kickdrift.analysis.orbits.secular_report",
+    "PotentialFile": "kickdrift.analysis.crystals.potential",
     "ProperOrbit": "kickdrift.analysis.orbits.secular_report",
     "Resonance": "kickdrift.analysis.orbits.secular_report",
     "SamplingComparison": "kickdrift.analysis.compare.sampling",
@@ -44,6 +49,8 @@ _HOMES = {
     "Section": "kickdrift.analysis.orbits.section",
     "Spectrum": "kickdrift.statistics.quasi_periodic",
     "block_average": "kickdrift.statistics.blocks",
+    "chain_diffusion": "kickdrift.analysis.observables.chains",
+    "chain_statistics": "kickdrift.analysis.observables.chains",
     "compare_engines": "kickdrift.analysis.compare.engine_forces",
     "dielectric_constant": "kickdrift.analysis.observables.dielectric",
     "elastic_constants": "kickdrift.analysis.crystals.elastic",
@@ -54,6 +61,7 @@ _HOMES = {
     "orbit_report": "kickdrift.analysis.orbits.secular_run",
     "orbital_elements": "kickdrift.analysis.orbits.orbits",
     "poincare_section": "kickdrift.analysis.orbits.section",
+    "potential_file": "kickdrift.analysis.crystals.potential",
     "pressure_tensor": "kickdrift.analysis.observables.pressure",
     "radial_distribution": "kickdrift.analysis.observables.structure",
     "radial_velocities": "kickdrift.analysis.orbits.observed",
@@ -64,6 +72,8 @@ _HOMES = {
 }
 
 __all__ = [
+    "ChainStatistics",
+    "Crystal",
     "Dielectric",
     "Diffusion",
     "ElasticConstants",
@@ -72,6 +82,7 @@ __all__ = [
     "EnsembleChecks",
     "ForceChecks",
     "OrbitReport",
+    "PotentialFile",
     "ProperOrbit",
     "Resonance",
     "SamplingComparison",
@@ -79,6 +90,8 @@ __all__ = [
     "Section",
     "Spectrum",
     "block_average",
+    "chain_diffusion",
+    "chain_statistics",
     "compare_engines",
     "dielectric_constant",
     "elastic_constants",
@@ -89,6 +102,7 @@ __all__ = [
     "orbit_report",
     "orbital_elements",
     "poincare_section",
+    "potential_file",
     "pressure_tensor",
     "radial_distribution",
     "radial_velocities",

@@ -14,7 +14,7 @@ import typer
 import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_table, progress_bar, say
 from kickdrift.cli.files import TABLES, is_problem
-from kickdrift.cli.options import Overwrite, Quiet, argument, option, whole, with_options
+from kickdrift.cli.options import Overwrite, Quiet, argument, is_run, option, whole, with_options
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import integrator
 from kickdrift.model.problem import Problem
@@ -54,6 +54,9 @@ def plot(
     column: Annotated[
         str | None, option("NAME", "Column of a run, or of an ensemble's table (default: the most informative).")
     ] = None,
+    csv: Annotated[
+        Path | None, option("FILE.csv", "Also write the numbers that the figure of a run's .h5md draws.")
+    ] = None,
     integrator: Annotated[
         list[str] | None, option("NAME", "Run an ODE's system file with this method and draw it; repeat for several.")
     ] = None,
@@ -62,16 +65,30 @@ def plot(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Draw a run, an ensemble or stability regions. A run gives orbits and elements; or energies, error, temperature
-    and radial distribution function; or one observable with error bars; or one column against time. The run of an ODE
-    gives y against time, the phase portrait and the energy error. The name of an ODE's system file gives these of
-    several methods side by side. An ensemble gives a map, a curve, points or a histogram."""
+    """Draw a run, an ensemble, a potential's file or stability regions. A run gives orbits and elements; or energies,
+    error, temperature and radial distribution function; or one observable with error bars; or one column against time.
+    The run of an ODE gives y against time, the phase portrait and the energy error. The name of an ODE's system file
+    gives these of several methods side by side. An ensemble gives a map, a curve, points or a histogram. A potential
+    gives the energies of crystals."""
+    from kickdrift.analysis.crystals.potential import is_potential
+
+    if csv and not (file and is_run(str(file))):
+        raise InputError("--csv is for a run's .h5md; tables have their numbers already")
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
     if file and _is_system(file):
         if kind or column:
             raise InputError(f"--{'kind' if kind else 'column'} is for a run's file, and FILE is a system file")
         out(str(_plot_methods(file, output, integrator, options, time, overwrite, quiet)))
+        return
+    if file and is_potential(file):
+        from kickdrift.plots.potentials import plot_potential
+
+        if kind or column:
+            raise InputError(f"--{'kind' if kind else 'column'} is for a run's file, and FILE is a potential")
+        with busy(f"drawing {file}", quiet):
+            drawn = plot_potential(file, output or Path(f"{file}.png"), overwrite=overwrite)
+        out(str(drawn))
         return
     if integrator or options or time is not None:
         raise InputError("--integrator, --time and options of a method are for an ODE's system file or name")
@@ -107,7 +124,7 @@ def plot(
 
         target = output or file.with_suffix(".png")
         with busy(f"drawing {file}", quiet):
-            drawn = plot_file(file, target, kind and str(kind), column, overwrite=overwrite)
+            drawn = plot_file(file, target, kind and str(kind), column, numbers=csv, overwrite=overwrite)
         out(str(drawn))
         if not kind and not column:
             name_columns(file)

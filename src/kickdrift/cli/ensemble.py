@@ -188,8 +188,7 @@ def print_ensemble(table: DataFrame, output: Path | None) -> None:
 
 
 def _print_measured(table: DataFrame) -> None:
-    """Print means with standard errors: of each quantity, or of the most informative one at each point of a small
-    grid."""
+    """Print means with standard errors: of each quantity, or of the most telling ones at each point of a small grid."""
     from kickdrift.ensemble import summary
     from kickdrift.ensemble.rows import DONE
 
@@ -198,14 +197,20 @@ def _print_measured(table: DataFrame) -> None:
     done = table[table["status"] == DONE]
     keys = summary.grids(table)
     if keys:
-        column = summary.chosen(table)
-        points = summary.by_point(table, column)
-        if len(points) <= ROWS:
+        columns = summary.scanned(table)
+        points = [summary.by_point(table, column).to_dict("records") for column in columns]
+        if len(points[0]) <= ROWS:
             rows = [
-                [*(_text(point[key]) for key in keys), with_error(point["mean"], point["error"]), str(point["members"])]
-                for point in points.to_dict("records")
+                [
+                    *(_text(one[0][key]) for key in keys),
+                    *(with_error(each["mean"], each["error"]) for each in one),
+                    str(one[0]["members"]),
+                ]
+                for one in zip(*points, strict=True)
             ]
-            print_table(f"{column}, mean ± standard error", [*keys, "mean", "members"], rows)
+            title = f"{columns[0]}, mean ± standard error" if len(columns) == 1 else "means ± standard errors"
+            heads = ["mean"] if len(columns) == 1 else columns
+            print_table(title, [*keys, *heads, "members"], rows)
             return
     rows = []
     for name in summary.measured(table):

@@ -91,17 +91,27 @@ def export(
 
 @with_files
 def info(
-    file: Annotated[str, argument("FILE", "A run's file, an ensemble's table, or a system file or name.")],
+    file: Annotated[
+        str, argument("FILE", "A run's file, an ensemble's table, a system file or name, or a potential's file.")
+    ],
     all_: Annotated[bool, typer.Option("--all", help="Everything that a run's file holds.")] = False,
     files: Any = None,
     json_file: Json = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Describe a run's file or an ensemble's table, or check a system file without running it."""
-    refuse_outputs({"json": json_file}, overwrite, [file])
+    """Describe a run's file, an ensemble's table or a potential's file, or check a system file without running it."""
+    from kickdrift.analysis.crystals.potential import is_potential, potential_file
 
+    refuse_outputs({"json": json_file}, overwrite, [file])
     if Path(file).suffix == ".h5md" and not os.path.lexists(file):
         raise InputError(f"{file}: no such file")
+    if is_potential(file):
+        if all_ or json_file is not None:
+            raise InputError(f"{file}: {'--all' if all_ else '--json'} is for the file of a run")
+        with busy(f"crystals of {file}"):
+            lines = potential_file(file).lines()
+        print_lines(lines)
+        return
     if is_problem(Path(file)):
         _info_of_problem(file, all_, json_file, overwrite)
         return
@@ -122,13 +132,15 @@ def info(
         return
     if not of_run:
         from kickdrift.run.report.charges import charge_warnings, charges_of
+        from kickdrift.run.report.warnings import unused_warnings
 
         system = kd.load(file, **files)
         check_run(system)
         (key, name), *rest = lines_of(system)
         charged = charges_of(system)
         more = [] if charged is None else charged.lines(cast(System, system).units.symbol("length"))
-        print_lines([(key, f"{name}: valid"), *rest, *more, *(("warning", told) for told in charge_warnings(system))])
+        warnings = [("warning", told) for told in (*unused_warnings(system), *charge_warnings(system))]
+        print_lines([(key, f"{name}: valid"), *rest, *more, *warnings])
         return
     from kickdrift.trajectory.overview import overview
     from kickdrift.trajectory.read.info import WIDTH, described
@@ -234,8 +246,8 @@ def new(
     """Write a commented system file to start from. No file is replaced."""
     from kickdrift.systemfile.json_schema import json_schema_text
 
-    text = kd.template(kind, model)
     target = Path(f"{kind}.toml") if output is None else output
+    text = kd.template(kind, model).replace(f" {kind}.toml", f" {target}")
     if os.path.lexists(target):
         raise InputError(
             f"{shown_path(target)}: exists already, and new replaces no file; give another name by --output"

@@ -221,6 +221,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
         ("kickdrift plot run.h5md", "Orbits under gravity, else energies."),
         ("kickdrift plot run.h5md --kind rdf --output rdf.png", "The radial distribution function."),
         ("kickdrift plot --stability rk4 --stability yoshida6", "Stability regions, without a run."),
+        ("kickdrift plot Cu.eam.alloy", "A potential's file: energies of crystals, densities, embedding energies."),
     ),
     "view": (
         ("kickdrift view run.h5md", "One page for any browser: particles that turn, curves and the report."),
@@ -239,6 +240,7 @@ EXAMPLES: dict[str, tuple[tuple[str, str], ...]] = {
     "info": (
         ("kickdrift info run.h5md", "The report of a run. --all shows everything that the file holds."),
         ("kickdrift info liquid.toml", "Check a system file without running it."),
+        ("kickdrift info Cu.eam.alloy", "Elements, cutoff and crystals of a potential's file."),
     ),
     "list": (
         ("kickdrift list integrators", "Every integrator."),

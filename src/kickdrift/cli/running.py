@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import typer
@@ -312,7 +313,10 @@ def show(
 @opt.with_files
 def relax(
     system: opt.Subject,
-    output: Annotated[Path | None, option("FILE.toml", "Write the relaxed system as a system file.")] = None,
+    output: Annotated[
+        Path | None,
+        option("FILE.toml", "Write the relaxed system: a system file, or what export writes."),
+    ] = None,
     force: Annotated[
         Any,
         option(
@@ -341,14 +345,19 @@ def relax(
 ) -> None:
     """Move particles to a minimum of their potential energy, also from a random start with overlaps. The relaxed system
     keeps the velocities of the file."""
-    refuse_outputs({"output": output, "json": json_file}, overwrite, [system], kinds.SYSTEM)
+    from kickdrift.trajectory.export.formats import FORMATS
+
+    exported = output is not None and output.suffix.lower() in FORMATS
+    kind = kinds.export(output.suffix, tuple(FORMATS)) if output is not None and exported else kinds.SYSTEM
+    kind = kind if exported else kind._replace(suffixes=(".toml", *FORMATS))
+    refuse_outputs({"output": output, "json": json_file}, overwrite, [system], kind)
     from kickdrift.forces.bound.forces import check_threads
     from kickdrift.run.minimization import minimum
 
     start = subject_of(system, seed, overlaps=True, frame=frame, **files)
     if not isinstance(start, System):
         raise InputError(f"{system}: is an ODE; relax needs particles")
-    if output is not None:
+    if output is not None and not exported:
         start.at(start.state.phase, 0.0).to_toml()  # refuses a system that no file can hold, before any work
     asked = {"force": force, "steps": steps, "method": method, "max_displacement": max_displacement}
     given = {key: value for key, value in asked.items() if value is not None}
@@ -357,9 +366,21 @@ def relax(
     if not found.converged:
         say(f"warning: not converged: {found.trouble}", quiet)
     try:
-        write_system(output, found.system.to_toml() if output else "", overwrite=overwrite)
+        if output is not None and exported:
+            _export(found.system, output, overwrite)
+        else:
+            write_system(output, found.system.to_toml() if output else "", overwrite=overwrite)
         write_json(json_file, found.as_json(), overwrite=overwrite)
     finally:
         print_lines([*lines_of(found), *([("written", str(output))] if output else [])])
     if not found.converged:
         raise typer.Exit(1)
+
+
+def _export(system: System, output: Path, overwrite: bool) -> None:
+    """Write a System as ``export`` writes the last frame of a run."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "relaxed.h5md"
+        kd.Simulation(system, "velocity-verlet", system.run.dt or 1.0).run(0, output=path)
+        for note in kd.export(path, output, overwrite=overwrite).notes:
+            say(f"{output}: {note}")

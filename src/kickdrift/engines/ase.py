@@ -18,6 +18,7 @@ from kickdrift.engines.forces import many_body, one_pair_law, small_units
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session
 from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.many_body.base import TabledForce
 from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
 from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
 from kickdrift.model.state import Floats
@@ -50,6 +51,8 @@ def _no_calculator(system: System) -> str | None:
     force = system.forces[0]
     if isinstance(force, StillingerWeber):
         return f"force {force.name!r}: ASE has no calculator for it"
+    if isinstance(force, TabledForce) and force.form != ".tersoff":
+        return f"force {force.name!r}: ASE knows Tersoff's form of 1988 alone"
     if force.elements:
         return f"force {force.name!r}: elements: ASE's calculators know species by the elements of their parameters"
     if isinstance(force, EmbeddedAtom) and force.style == "eam/he":

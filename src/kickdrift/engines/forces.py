@@ -149,7 +149,13 @@ def small_units(system: System) -> str | None:
     return None
 
 
-STYLES: dict[type, str] = {StillingerWeber: "sw", Tersoff: "tersoff"}
+STYLES = {
+    ".sw": "sw",
+    ".tersoff": "tersoff",
+    ".tersoff.mod": "tersoff/mod",
+    ".tersoff.modc": "tersoff/mod/c",
+    ".tersoff.zbl": "tersoff/zbl",
+}  # LAMMPS' styles by the form of the parameters
 
 
 def many_body(system: System, molecules: bool = False) -> bool:
@@ -157,14 +163,15 @@ def many_body(system: System, molecules: bool = False) -> bool:
 
     With ``molecules``, bonded forces may come beside it."""
     forces = split(system)[0] if molecules else system.forces
-    return len(forces) == 1 and type(forces[0]) in (EmbeddedAtom, *STYLES)
+    return len(forces) == 1 and type(forces[0]) in (EmbeddedAtom, StillingerWeber, Tersoff)
 
 
 def style_of(force: ManyBodyForce) -> str:
     """LAMMPS' pair style."""
     if isinstance(force, EmbeddedAtom):
         return force.style
-    return STYLES[type(force)]
+    assert isinstance(force, TabledForce)
+    return STYLES[force.form]
 
 
 def text_of(force: Any) -> str:

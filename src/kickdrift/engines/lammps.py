@@ -27,16 +27,20 @@ from kickdrift.engines.lammps_model import Ewald, Model, bonded_of, fixes
 from kickdrift.engines.lammps_model import refusal as bonded_refusal
 from kickdrift.engines.lammps_world import World
 from kickdrift.engines.session import Session, Trouble
-from kickdrift.engines.tables import ERROR, POINTS, switched
+from kickdrift.engines.tables import ERROR, POINTS, table_of
 from kickdrift.errors import InputError
 from kickdrift.forces import LennardJones, ListedPairs, WeeksChandlerAndersen, Yukawa
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.charges.radial import ALL_IMAGES
 from kickdrift.forces.charges.waves import waves_of
+from kickdrift.forces.many_body.tersoff import Tersoff
+from kickdrift.forces.pairs.ends import TRUNCATIONS as ENDS
+from kickdrift.forces.pairs.tabulated import Tabulated
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
-LAWS = ", ".join(law.name for law in STYLE_OF)
+TAKEN = (*STYLE_OF, Tabulated)
+LAWS = ", ".join(law.name for law in TAKEN)
 TAKES = (
     f"LAMMPS takes one force of {LAWS}, eam, stillinger-weber and tersoff, and bonded forces beside it; coulomb alone "
     "or beside lennard-jones, buckingham or born-mayer-huggins; position restraints and walls"
@@ -59,10 +63,12 @@ def refused(whole: System) -> str | None:
     """Reason why LAMMPS has no such forces, or None."""
     system = without(whole, APART)
     if not many_body(system, molecules=True) and (
-        reason := one_pair_law(system, TRUNCATIONS, TAKES, molecules=True, charges=ALL_IMAGES, laws=STYLE_OF)
+        reason := one_pair_law(system, _truncations(system), TAKES, molecules=True, charges=ALL_IMAGES, laws=TAKEN)
         or small_units(system)
     ):
         return reason
+    if any(isinstance(force, Tersoff) and force.form == ".tersoff.zbl" for force in system.forces):
+        return "tersoff: LAMMPS has tersoff/zbl in units metal alone; kd.LammpsForce runs it"
     if coulomb_of(system) is not None and not all(system.box.periodic_axes):
         return "coulomb: slabs are not possible"
     force = beside_charges(system)
@@ -75,10 +81,17 @@ def refused(whole: System) -> str | None:
     return None
 
 
+def _truncations(system: System) -> tuple[str, ...]:
+    """Truncations that LAMMPS has for the System's pair force: all, if it is a table."""
+    return ENDS if type(beside_charges(system)) is Tabulated else TRUNCATIONS
+
+
 def _refused_law(system: System, force: Any) -> str | None:
     """Reason why LAMMPS has not this law with these truncations and charges, or None."""
     cut = truncation_of(force, system)
     charged = coulomb_of(system) is not None
+    if charged and type(force) is Tabulated:
+        return f"force {force.name!r}: LAMMPS gets no tables beside charges"
     if charged and cut in (LINEAR, TABLED):
         return f"truncation {cut!r}: LAMMPS has it for Lennard-Jones without charges"
     if type(force) not in STYLE_OF or type(force) is LennardJones:
@@ -107,7 +120,10 @@ def _kinds(system: System, masses: Floats) -> tuple[np.ndarray, np.ndarray]:
 def remarks(job: Job) -> list[str]:
     """How LAMMPS' forces differ from those asked for."""
     system = without(job.system, APART)
-    if truncation_of(beside_charges(system), system) != TABLED:
+    force = beside_charges(system)
+    if type(force) is Tabulated:
+        return [f"LAMMPS takes the force from tables of {POINTS:,} points, joined by cubics"]
+    if truncation_of(force, system) != TABLED:
         return []
     return [
         f"LAMMPS takes truncation {TABLED!r} from tables of {POINTS:,} points, with relative errors up to {ERROR:g}"
@@ -151,14 +167,18 @@ def modelled(whole: System, masses: Floats, dt: float, stepping: tuple[str, ...]
 
 def _pairs(system: System, force: Any, species: list[str]) -> dict[str, Any]:
     """Values of a Model for a pair force between types of these species."""
-    style = STYLE_OF[type(force)]
     laws = [
         (i + 1, j + 1, force.pair_law(*named), force.pair_end(*named))
         for i in range(len(species))
         for j in range(i, len(species))
         for named in [(species[i], species[j])]
     ]
-    truncation = truncation_of(force, system)
+    if type(force) is Tabulated:
+        return {
+            "pairs": (), "shifted": False, "tail": False, "dimensions": system.dimensions,
+            "tables": tuple(table_of(law, (i, j), end) for i, j, law, end in laws),
+        }  # fmt: skip
+    style, truncation = STYLE_OF[type(force)], truncation_of(force, system)
     coefficients = STYLES[style].coefficients
     given: dict[str, Any] = {
         "law": style,
@@ -171,9 +191,7 @@ def _pairs(system: System, force: Any, species: list[str]) -> dict[str, Any]:
     if isinstance(force, Yukawa):
         given["law"] = f"{style} {float(laws[0][2].kappa)!r}"
     if truncation == TABLED:
-        given["tables"] = tuple(
-            switched(law, (i, j), float(end.switch_start), float(end.cutoff)) for i, j, law, end in laws
-        )
+        given["tables"] = tuple(table_of(law, (i, j), end) for i, j, law, end in laws)
     return given
 
 

@@ -34,17 +34,19 @@ from kickdrift.engines.forces import (
 )
 from kickdrift.engines.job import Job
 from kickdrift.engines.session import Session, Trouble
+from kickdrift.engines.tables import POINTS
 from kickdrift.errors import InputError
-from kickdrift.forces import Coulomb, Gravity
+from kickdrift.forces import Coulomb, Gravity, LennardJones
 from kickdrift.forces.bound.forces import Measured
 from kickdrift.forces.laws.central import gravitational_constant
+from kickdrift.forces.pairs.tabulated import Tabulated
 from kickdrift.integrators.splitting.method import Splitting
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 
 TAKES = (
-    "OpenMM takes lennard-jones and coulomb, with bonded forces beside them, or gravity; and fields, restraints and "
-    "soft walls"
+    "OpenMM takes lennard-jones and coulomb or tabulated, with bonded forces beside them, or gravity; and fields, "
+    "restraints and soft walls"
 )
 TRUNCATIONS = {  # energies of a pair
     "cut": "U",
@@ -74,16 +76,32 @@ def refusal(job: Job) -> str | None:
         return f"masses: {still} has no mass, and OpenMM fixes massless particles"
     if [type(force) for force in system.forces] == [Gravity] and system.topology is None:
         return None
-    reason = one_pair_law(system, TRUNCATIONS, TAKES, molecules=True, charges=openmm_charges.METHODS) or small_units(
-        system
-    )
+    laws = (LennardJones, Tabulated)
+    reason = one_pair_law(
+        system, TRUNCATIONS, TAKES, molecules=True, charges=openmm_charges.METHODS, laws=laws
+    ) or small_units(system)
     if reason:
         return reason
     if reason := strange(system, "OpenMM"):
         return reason
     if getattr(beside_charges(system), "tail", False):
         return "tail: OpenMM has no tail correction for this kind of force"
+    if _tabled(system) and coulomb_of(system) is not None:
+        return "force 'tabulated': OpenMM gets no tables beside charges"
+    if _tabled(system) and system.topology is not None and (system.topology.scaled.factors > 0).any():
+        return "topology: scaled pairs of tables are not possible; pairs may be left out"
     return None
+
+
+def _tabled(system: System) -> bool:
+    return type(beside_charges(system)) is Tabulated
+
+
+def remarks(job: Job) -> list[str]:
+    """How OpenMM's forces differ from those asked for."""
+    if not _tabled(without(job.system, IN_OPENMM)):
+        return []
+    return [f"OpenMM takes the energy from tables of {POINTS:,} points, joined by cubics: forces agree to about 2e-8"]
 
 
 class OpenmmSession(Session):
@@ -169,15 +187,31 @@ def _plain(quantity: Any) -> Any:
 
 
 def _lennard_jones(system: System, force: Any) -> Any:
+    """The pair force: Lennard-Jones, or tables."""
     import openmm
 
-    energy = TRUNCATIONS[truncation_of(force, system)] + LENNARD_JONES + MIXTURE
-    tables = {key: [getattr(law, key) for law in _of_pairs(system, force.pair_law)] for key in ("epsilon", "sigma")}
-    ends = _of_pairs(system, force.pair_end)
+    laws, ends = _of_pairs(system, force.pair_law), _of_pairs(system, force.pair_end)
+    energy, different = TRUNCATIONS[truncation_of(force, system)], []
+    if type(force) is Tabulated:
+        at_end = [law.law(end.cutoff**2) for law, end in zip(laws, ends, strict=True)]
+        different = list(dict.fromkeys(laws))
+        tables = {
+            "lasts": [each[0] for each in at_end],
+            "slopes": [-each[1] * end.cutoff for each, end in zip(at_end, ends, strict=True)],
+            "numbers": [different.index(law) for law in laws],
+        }
+        energy = energy.split("; slope=")[0] + "; last=lasts(kind1,kind2); slope=slopes(kind1,kind2); U="
+        energy += "+".join(f"delta(numbers(kind1,kind2)-{k})*law{k}(s*r)" for k in range(len(different)))
+    else:
+        energy += LENNARD_JONES + MIXTURE
+        tables = {key: [getattr(law, key) for law in laws] for key in ("epsilon", "sigma")}
     if len(set(ends)) > 1:
         energy = f"step(cutoff-s*r)*all; all={energy}; cutoff=ends(kind1,kind2); start=starts(kind1,kind2)"
         tables |= {"ends": [end.cutoff for end in ends], "starts": [end.switch_start or 0.0 for end in ends]}
     made = openmm.CustomNonbondedForce(energy)
+    for k, law in enumerate(different):
+        energies = [law.law(r * r)[0] for r in np.linspace(law.start, law.reach, POINTS).tolist()]
+        made.addTabulatedFunction(f"law{k}", openmm.Continuous1DFunction(energies, law.start, law.reach))
     count = len(system.species)
     for key, values in tables.items():
         made.addTabulatedFunction(key, openmm.Discrete2DFunction(count, count, [float(value) for value in values]))

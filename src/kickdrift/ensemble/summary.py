@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.ensemble.rows import DONE, LAST, MEMBER, DataFrame
+from kickdrift.ensemble.rows import DONE, ERRORS, LAST, MEMBER, THERMAL, DataFrame, mean_of
 from kickdrift.ensemble.table import PROVENANCE
 from kickdrift.errors import InputError
 from kickdrift.text import choices, shown, suggestion
@@ -33,6 +33,7 @@ def measured(table: DataFrame) -> list[str]:
         *table.attrs[PROVENANCE]["grids"],
         *drawn(table),
     }
+    given |= {error for name, error in ERRORS.items() if name in table and error not in _own(table)}
     numbers = [name for name in table.columns if name not in given and table[name].dtype.kind in "if"]
     return [name for name in numbers if np.isfinite(table[name]).any()]
 
@@ -48,17 +49,29 @@ def chosen(table: DataFrame, column: str | None = None) -> str:
         return column
     if not known:
         raise InputError("no member has a measured number")
+    return next((name for name in (*_own(table), *_FIRST) if name in known), known[0])
+
+
+def _own(table: DataFrame) -> list[str]:
+    """Columns of a user's function."""
     columns = list(table.columns)
-    own = columns[columns.index(LAST_OF_RUN) + 1 :] if LAST_OF_RUN in columns else []
-    return next((name for name in (*own, *_FIRST) if name in known), known[0])
+    return columns[columns.index(LAST_OF_RUN) + 1 :] if LAST_OF_RUN in columns else []
+
+
+def scanned(table: DataFrame) -> list[str]:
+    """Columns for the points of a scan: the most informative one, and the thermal ones, if there are any."""
+    first, known = chosen(table), measured(table)
+    thermal = [mean_of(name, table.attrs[PROVENANCE]["grids"]) for name in THERMAL]
+    found = [name for name in thermal if name in known] if "energy" in thermal and ERRORS["energy"] in table else []
+    return found if first in found else [first, *found]
 
 
 def by_point(table: DataFrame, column: str) -> DataFrame:
     """Mean of a column for each combination of the grids' values.
 
     ``mean`` is over the members that are done. ``error`` is the standard error, the standard deviation over the root of
-    the number of members (NaN for one). ``members`` is that number. The index is the combination's number, in which the
-    last grid's values change fastest; combinations without members are left out.
+    the number of ``members``. For one member it is the error that its run states, NaN if there is none. The index is
+    the combination's number, in which the last grid's values change fastest; combinations without members are left out.
     """
     import pandas as pd
 
@@ -68,10 +81,15 @@ def by_point(table: DataFrame, column: str) -> DataFrame:
     groups = done.groupby(done[MEMBER] % len(values))
     rows = {
         point: {key: value for key, value in zip(keys, values[point], strict=True) if key in varied}
-        | moments(group[column])
+        | _with_own_error(group, column)
         for point, group in groups
     }
     return pd.DataFrame(list(rows.values()), index=list(rows))
+
+
+def _with_own_error(group: DataFrame, column: str) -> dict[str, float]:
+    found, own = moments(group[column]), ERRORS.get(column.removeprefix("mean_"))
+    return found | {"error": float(group[own].iloc[0])} if len(group) == 1 and own in group else found
 
 
 def moments(values: Any) -> dict[str, float]:

@@ -1,5 +1,6 @@
 """Work of a worker: members, each run to a row of the table. No member can stop the others."""
 
+import math
 import platform
 from collections.abc import Sequence
 from contextlib import suppress
@@ -114,7 +115,15 @@ def _run(recipe: Recipe, member: Member, system: System | Problem) -> Row:
         **length_of(sim, system.name), output=folder and folder / f"member-{member.number:06d}{suffix}", overwrite=True
     )
     measured = {} if isinstance(recipe.measure, str) else _measured(recipe.measure, sim)
-    return run_columns(report, measured)
+    return run_columns(report, measured, _volume(system))
+
+
+def _volume(system: System | Problem) -> float:
+    """Volume of a system's box, or its area in two dimensions; nan for an open box and a Problem."""
+    if not isinstance(system, System):
+        return math.nan
+    found = system.box.area if system.dimensions == 2 else system.box.volume
+    return found if math.isfinite(found) else math.nan
 
 
 def _measured(measure: Any, sim: Any) -> Row:

@@ -26,6 +26,7 @@ from kickdrift.forces.bonded.shipped import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.bonded.tabulated import TabulatedAngle, TabulatedBond, TabulatedDihedral
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
 from kickdrift.forces.external.lammps import LammpsForce
@@ -50,6 +51,7 @@ from kickdrift.forces.pairs.shipped import (
     Yukawa,
     Zbl,
 )
+from kickdrift.forces.pairs.tabulated import Tabulated
 from kickdrift.forces.seam.named import FORCES, registered
 from kickdrift.forces.tree.force import GravityTree
 
@@ -64,6 +66,7 @@ _ALL: tuple[Any, ...] = (
     GaussianCore,
     SoftPair,
     Zbl,
+    Tabulated,
     Coulomb,
     Gravity,
     GravityTree,
@@ -97,6 +100,9 @@ _ALL: tuple[Any, ...] = (
     OplsDihedral,
     HarmonicImproper,
     PeriodicImproper,
+    TabulatedBond,
+    TabulatedAngle,
+    TabulatedDihedral,
     Cmap,
     ListedPairs,
     HarmonicTrap,

@@ -29,7 +29,7 @@ class ShownSystem(Shown):
         units = self.units
         lines = [
             ("system", self.name),
-            ("particles", f"{len(self):,} ({choices(self.species)})"),
+            ("particles", f"{len(self):,} ({_counts(self)})"),
             ("box", self.box.described(units.symbol("length"))),
             *([("dimensions", "2")] if self.dimensions == 2 else []),
             ("time", measured(f"{self.state.time:g}", units.symbol("time"))),
@@ -47,6 +47,13 @@ class ShownSystem(Shown):
         if self.stages:
             lines.append(("stages", ", ".join(each.name for each in self.stages)))
         return lines
+
+
+def _counts(system: Any) -> str:
+    """The species, each with its number of particles if there are several."""
+    if len(system.species) == 1:
+        return choices(system.species)
+    return choices(map("{} {:,}".format, system.species, np.bincount(system.species_index).tolist()))
 
 
 def _net_charge(system: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import sys
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from kickdrift.disk import outputs
-from kickdrift.disk.kinds import FIGURE
+from kickdrift.disk.kinds import FIGURE, NUMBERS
 from kickdrift.jit.cache import folders
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
@@ -133,8 +134,34 @@ def new_axes(figure: Figure, place: tuple[int, int, int | tuple[int, int]], shar
     return axes
 
 
+def few_labels(axes: Axes) -> None:
+    """Name at most 1, 2 and 5 of each decade of logarithmic axes, so that labels do not touch."""
+    from matplotlib.ticker import LogLocator
+
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
+
+
 def save_figure(figure: Figure, target: Path) -> Path:
     """Write a figure, whole or not at all, and return its path."""
     with outputs.written_whole(target, FIGURE, overwrite=True) as part:
         figure.savefig(part)
     return target
+
+
+def save_numbers(figure: Figure, target: str | os.PathLike[str], overwrite: bool) -> None:
+    """Write the points of a figure's lines as a table, whole or not at all: panel, line, x and y. A long line has the
+    points that are drawn, see ``thin``."""
+    checked = outputs.checked_target(target, NUMBERS, overwrite, ())
+    with outputs.written_whole(checked, NUMBERS, overwrite=overwrite) as part, part.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(("panel", "line", "x", "y"))
+        for axes in figure.axes:
+            lines = [line for line in axes.get_lines() if line.get_transform() == axes.transData]  # no rules
+            for number, line in enumerate(lines, 1):
+                name = str(line.get_label())
+                places = zip(np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float), strict=True)
+                for x, y in places:
+                    own = str(number) if name.startswith("_") else name
+                    rows.writerow((axes.get_title() or axes.get_ylabel(), own, repr(float(x)), repr(float(y))))

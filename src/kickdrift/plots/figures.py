@@ -43,10 +43,11 @@ def plot_file(
     kind: str | None = None,
     column: str | None = None,
     *,
+    numbers: str | os.PathLike[str] | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Draw a run's file as ``figure_of`` does. Return the figure's path."""
-    return write_figure(path, output, overwrite, partial(figure_of, kind=kind, column=column))
+    """Draw a run's file as ``figure_of`` does, and on request write the figure's numbers. Return the figure's path."""
+    return write_figure(path, output, overwrite, partial(figure_of, kind=kind, column=column), numbers)
 
 
 def stability(*integrators: str | Integrator) -> Figure:

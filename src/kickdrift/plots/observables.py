@@ -140,6 +140,7 @@ def _draw_structure_factor(axes: Axes, curves: list[Curve], run: reader.Run) -> 
 def _draw_displacements(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
     _lines(axes, curves)
     axes.set(xscale="log", yscale="log")
+    draw.few_labels(axes)
     squared = draw.with_unit("⟨|r(t) − r(0)|²⟩", f"{run.units.length}^2")
     _name(axes, "Mean squared displacement", draw.with_unit("time", run.units.time), squared)
 
@@ -152,11 +153,13 @@ def _draw_velocities(axes: Axes, curves: list[Curve], run: reader.Run) -> None:
 
 
 def _lines(axes: Axes, curves: list[Curve]) -> None:
-    """Draw lines, each with a band of one standard error to both sides where it is known."""
+    """Draw lines, each with a band of one standard error to both sides, between the first and the last known error. In
+    between, the band goes straight over points without an error."""
     for curve, colour in zip(curves, draw.COLOURS, strict=False):
         known = np.isfinite(curve.error)
-        band = np.where(known, curve.error, 0.0)
-        axes.fill_between(curve.x, curve.y - band, curve.y + band, where=known.tolist(), color=colour, alpha=0.3, lw=0)
+        if known.any():
+            band = np.interp(curve.x, curve.x[known], curve.error[known], left=np.nan, right=np.nan)
+            axes.fill_between(curve.x, curve.y - band, curve.y + band, color=colour, alpha=0.3, lw=0)
         marker = "o" if len(curve.x) <= FEW_POINTS else ""
         axes.plot(curve.x, curve.y, color=colour, linewidth=1.2, label=curve.label, marker=marker, markersize=4.0)
 
@@ -165,9 +168,15 @@ def _draw_errors(figure: Figure, above: Axes, curves: list[Curve]) -> None:
     """Draw the errors alone, which are thinner than a line for a long run."""
     axes = draw.new_axes(figure, (4, 1, 4))
     axes.set(xscale=above.get_xscale(), yscale="log")
+    draw.few_labels(axes)
+    several = False
     for curve, colour in zip(curves, draw.COLOURS, strict=False):
         drawn = np.isfinite(curve.error) & (curve.error > 0)
         axes.plot(curve.x[drawn], curve.error[drawn], ".", color=colour, markersize=3.0)
+        several |= bool(drawn.any())
+    if not several:
+        axes.set_yticks([], minor=False)
+        axes.text(0.5, 0.5, "the run is too short for errors", transform=axes.transAxes, ha="center", va="center")
     axes.set_xlim(above.get_xlim())
     axes.set(xlabel=above.get_xlabel(), ylabel="standard error")
     above.set_xlabel("")

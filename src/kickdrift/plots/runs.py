@@ -33,12 +33,19 @@ WINDOWS = 50  # parts of a benchmark's run for the RMS error
 
 
 def write_figure(
-    path: str | os.PathLike[str], output: str | os.PathLike[str], overwrite: bool, made: Callable[[reader.Run], Figure]
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    overwrite: bool,
+    made: Callable[[reader.Run], Figure],
+    numbers: str | os.PathLike[str] | None = None,
 ) -> Path:
-    """Write the figure that ``made`` returns of a run's file. Return the figure's path."""
+    """Write the figure that ``made`` returns of a run's file, and on request its numbers. Return the figure's path."""
     target = draw.checked_target(output, overwrite, path)
     with reader.open(path) as run:
-        return draw.save_figure(made(run), target)
+        figure = made(run)
+    if numbers is not None:
+        draw.save_numbers(figure, numbers, overwrite)
+    return draw.save_figure(figure, target)
 
 
 def run_figure(run: reader.Run) -> Figure:
@@ -80,7 +87,7 @@ def panelled(panels: Sequence[Callable[[Axes, UnitSystem], None]], units: UnitSy
     figure = draw.new_figure(10.0, 3.5 * rows if rows > 1 else 3.8)
     for index, panel in enumerate(panels):
         last_alone = index == len(panels) - 1 and len(panels) % 2
-        panel(draw.new_axes(figure, (rows, 1, rows) if last_alone else (rows, 2, index + 1)), units)
+        panel(draw.new_axes(figure, (rows, 2, (index + 1, index + 2)) if last_alone else (rows, 2, index + 1)), units)
     figure.suptitle(title, fontsize=12, color=draw.INK)
     return figure
 
@@ -228,10 +235,13 @@ def column_figure(run: reader.Run, name: str) -> Figure:
 
     Each number of a vector or tensor is a line; of more than nine numbers the first nine are drawn."""
     observables = run.observables
+    if name == "density" and name not in observables and "volume" in observables:
+        observables = {**observables, name: len(run.ids) / observables["volume"]}
     if name not in observables:
         known = choices(observables, name) or "none, for it has no sample"
         raise InputError(f"{run.path}: column {shown(name)}: its columns are {known}{suggestion(name, observables)}")
-    times, values, unit = run.sample_times, observables[name], run.unit_of(name)
+    times, values = run.sample_times, observables[name]
+    unit = run.unit_of(name) if name in run.observables else f"{run.units.length}^-3" if run.units.length else ""
     units, title = run.units, draw.title_of(run)
     figure = draw.new_figure(7.2, 4.2)
     axes = draw.new_axes(figure, (1, 1, 1))

@@ -294,8 +294,11 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str, folder: Path) ->
         raise InputError(f"{path}.type: expected one of {choices(FORCES, name)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = schema.force_parameters(cls, given, units, path)
-    if isinstance(parameters.get("file"), str):
-        parameters["file"] = str(folder / parameters["file"])
+    tables = (parameters.get(key) for key in ("species", "pairs", "types"))
+    inner = [each for table in tables if isinstance(table, dict) for each in table.values() if isinstance(each, dict)]
+    for each in (parameters, *inner):
+        if isinstance(each.get("file"), str):
+            each["file"] = str(folder / each["file"])
     with prefixed(f"{path}: "):
         return cls(**parameters)
 

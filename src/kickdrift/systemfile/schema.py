@@ -260,11 +260,11 @@ def force_table(cls: type) -> type[Table]:
     dimensions: dict[str, str] = getattr(cls, "dimensions", {})
     made_of_fields = is_dataclass(cls) or issubclass(cls, tuple)
     hints = get_type_hints(cls if made_of_fields else vars(cls)["__init__"])
-    law = getattr(getattr(cls, "Parameters", None), "_fields", tuple(dimensions))
+    law = getattr(cls, "law_keys", getattr(getattr(cls, "Parameters", None), "_fields", tuple(dimensions)))
     plain = Annotated[float, BeforeValidator(In("dimensionless"))]
     number: dict[str, Any] = dict.fromkeys(law, plain)
     number |= {key: Annotated[float, BeforeValidator(In(kind))] for key, kind in dimensions.items()}
-    given: dict[str, Any] = {key: (number[key], None) for key in law}
+    given: dict[str, Any] = {key: (shaped(hints.get(key, float), number[key]), None) for key in law}
     if issubclass(cls, PairForce):
         given |= {key: (number.get(key, str), None) for key in End._fields}
     one: Any = create_model("one", __base__=Table, **given)

@@ -151,6 +151,35 @@ def test_particles():
     assert found.of("dop853")[-1].energy_error < 1e-6
 
 
+def test_constraints_have_a_reference_of_fixed_steps(tmp_path):
+    (tmp_path / "chain.toml").write_text(CHAIN)
+    found = kd.compare(tmp_path / "chain.toml", ["velocity-verlet", "yoshida4"], accuracy=1e-5)
+    assert found.measure == "reference"
+    assert "yoshida8 at dt = 0.01" in found.reference
+    for name, order in (("velocity-verlet", 2), ("yoshida4", 4)):
+        assert found.slopes[name] == pytest.approx((order, order + 1), abs=0.1)
+    assert found.recommendation.choice.method == "yoshida4"
+    assert default_integrators(kd.load(tmp_path / "chain.toml"), False)[0] == "velocity-verlet"
+
+
+CHAIN = """
+units = "lj"
+[particles]
+positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.5, 0.9, 0.0]]
+masses = [1.0, 2.0, 1.5]
+[velocities]
+values = [[0.1, 0.3, -0.2], [0.2, -0.4, 0.1], [0.3, 0.0, 0.3]]
+[[constraint]]
+pairs = [[0, 1], [1, 2]]
+[[force]]
+type = "harmonic-trap"
+stiffness = 1.0
+[run]
+dt = 0.05
+steps = 200
+"""
+
+
 def test_slopes_leave_rounding_out():
     steps = 0.1 * 2.0 ** -np.arange(10.0)
     assert slope(steps, steps**4 + 1e-12, 1e-14) == pytest.approx(4, abs=0.15)

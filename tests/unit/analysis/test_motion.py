@@ -131,7 +131,7 @@ def test_diffusion_as_text_has_a_familiar_unit_or_says_that_its_error_is_unknown
     )
     long, short = found.diffusion(60, 79), Diffusion(0.25, 0.01, (1.0, 9.0), "angstrom^2/ps")
     assert str(short) == "0.250 ± 0.010 angstrom^2/ps = 2.5e-05 ± 1.0e-06 cm^2/s"
-    assert str(long).endswith("error unknown: the run is too short for times up to 79")
+    assert str(long).endswith("error unknown: the run is too short for times up to 79; errors end at 54")
 
 
 def test_diffusion_of_langevin_velocities_by_green_and_kubo():
@@ -260,3 +260,13 @@ def test_a_window_that_is_none(start, stop):
         found.diffusion(start, stop)
     with pytest.raises(InputError, match="until"):
         velocity_autocorrelation(walk(frames=40, n=3), np.arange(40.0)).diffusion(0.1)
+
+
+def test_a_diffusion_without_an_error_says_where_errors_end():
+    x = np.cumsum(np.random.default_rng(1).normal(size=(400, 20, 3)), axis=0)
+    found = kd.analysis.mean_squared_displacement(x, np.arange(400.0))
+    d = found.diffusion(10.0, 99.0)
+    known = np.flatnonzero(np.isfinite(found.error))[-1]
+    assert (d.error, d.known_to) == (np.inf, found.times[known])
+    assert str(d).endswith(f"the run is too short for times up to 99; errors end at {known}")
+    assert "errors end" not in str(found.diffusion(1.0, 5.0))

@@ -382,7 +382,7 @@ def test_a_distance_beyond_half_the_least_height_is_refused():
     half = float(LEANING.heights.min()) / 2
     with pytest.raises(InputError, match=rf"r_max = 4.9 is not in \(0, {half:g}\], half the least height of the box"):
         radial_distribution(x, LEANING, r_max=4.9)
-    with pytest.raises(InputError, match="periodic along all axes, or particles in one plane"):
+    with pytest.raises(InputError, match="periodic along all axes, or along x and y"):
         radial_distribution(x, Box((9.0, 9.0, 9.0), periodic=(True, False, True)))
 
 
@@ -398,3 +398,26 @@ def test_a_plot_shows_g_of_a_leaning_box(tmp_path, dimensions):
     assert frames == 2
     assert g[r > 1].max() > 1.2
     assert figures.plot_file(path, tmp_path / "run.png", "energies").stat().st_size > 0
+
+
+def test_a_slab_has_the_rings_of_its_pairs():
+    """Pairs are counted and weighed one by one; an ideal slab has g = 1."""
+    rng = np.random.default_rng(3)
+    x, edge = rng.random((30, 80, 3)) * [6.0, 6.0, 2.0], 6.0
+    box = kd.Box([edge, edge, 0.0], periodic=(True, True, False))
+    species = ["A"] * 30 + ["B"] * 50
+    found = kd.analysis.radial_distribution(x, box, bins=12)
+    assert abs(found.g - 1.0).max() < 0.2
+    edges = np.linspace(0.0, edge / 2, 13)
+    for pair, first, second in ((None, slice(0, 80), slice(0, 80)), (("A", "B"), slice(0, 30), slice(30, 80))):
+        found = kd.analysis.radial_distribution(x, box, bins=12, pair=pair, species=species)
+        total = np.zeros(12)
+        for frame in x:
+            apart = frame[first, None] - frame[None, second]
+            apart[..., :2] -= edge * np.rint(apart[..., :2] / edge)
+            distance = np.linalg.norm(apart, axis=-1)
+            other = ~np.eye(80, dtype=bool) if pair is None else np.ones(distance.shape, bool)
+            counts = np.histogram(distance[other], edges)[0]
+            rings = np.pi * np.maximum(0.0, edges**2 - apart[other][:, 2, None] ** 2).sum(axis=0) / edge**2
+            total += counts / np.diff(rings)
+        np.testing.assert_allclose(found.g, total / len(x), rtol=1e-9)

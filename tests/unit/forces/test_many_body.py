@@ -16,6 +16,7 @@ from kickdrift.forces.many_body.stillinger_weber import SiliconOf1985
 from kickdrift.forces.many_body.tables import COULOMB, hermite
 from kickdrift.forces.many_body.tersoff import SiliconOf1988
 from kickdrift.forces.slopes.variations import varied
+from kickdrift.model.starts.builders import lattice
 from kickdrift.systemfile.reading import loads
 from kickdrift_validation import zhou_copper
 from kickdrift_validation.example_forces import crystal, example
@@ -363,6 +364,62 @@ def test_a_file_of_entries_gives_the_entries(tmp_path):
     assert loads(system.to_toml()).forces == system.forces
 
 
+# --- Tersoff's other forms ---
+
+MOD = (
+    "3.0 1.80536502 -0.38136087 2.16152496 1 1.39343356 117.7807244 2.87478837 0.33090566 3.18011795 3198.51383127 "
+    "1.98633876 0.20123243 614230.04 996439.1 3.33560562 25.2096377"
+)  # Purja Pun & Mishin 2017, doi:10.1103/PhysRevB.95.224103
+CARBON_LINE = "1 1 0 19981 7.034 -0.33953 0.99054 4.1612e-6 2.3064 389.63 1.95 0.15 3.4653 1544.8"
+FORMS = {"mod": ("tersoff/mod", MOD), "modc": ("tersoff/mod/c", f"{MOD} -0.00592042"),
+         "zbl": ("tersoff/zbl", f"{CARBON_LINE} 6 6 0.95 14")}  # fmt: skip
+
+
+def of_form(folder, form: str) -> str:
+    (folder / f"C.tersoff.{form}").write_text(f"# UNITS: metal\nC C C {FORMS[form][1]}\n")
+    return str(folder / f"C.tersoff.{form}")
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_other_forms_are_those_of_lammps(tmp_path, form):
+    """A shaken crystal, with one pair so close that the nuclei repel each other."""
+    own = kd.Tersoff(of_form(tmp_path, form))
+    x, edges = lattice("diamond", 64, 64 / (2.0 * own.cutoff + 0.5) ** 3)
+    x = x + np.random.default_rng(1).uniform(-0.1, 0.1, x.shape)
+    x[1] = x[0] + [0.3, 0.4, 0.5]
+    system = kd.System(x, masses=12.0, box=edges, forces=[own], units="metal", species=["C"] * 64)
+    other = system.with_forces([kd.LammpsForce(FORMS[form][0], f"* * {of_form(tmp_path, form)} C")])
+    found, expected = (kd.Simulation(each, dt=0.001) for each in (system, other))
+    assert found.energy().potential == pytest.approx(expected.energy().potential, rel=1e-12)
+    forces = expected.forces()
+    np.testing.assert_allclose(found.forces(), forces, rtol=0, atol=1e-11 * np.abs(forces).max())
+    assert found.sample().pressure == pytest.approx(expected.sample().pressure, rel=1e-11)
+    assert kd.Simulation(loads(system.to_toml()), dt=0.001).energy().potential == found.energy().potential
+
+
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_files_with_fortrans_exponents_and_other_ends_of_lines(tmp_path, ending):
+    for number in ("4.1612e-6", "4.1612D-06", "4.1612d-6"):
+        line = CARBON_LINE.replace("4.1612e-6", number)
+        (tmp_path / "C.tersoff").write_text(f"# one{ending}C C C {line} # end{ending}", newline="")
+        assert kd.Tersoff(str(tmp_path / "C.tersoff")).entries["C-C-C"]["beta"] == 4.1612e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("C.tersoff.mod", f"C C C {MOD[:-3]}\nC C", r"file: \S*C.tersoff.mod: expected entries of three elements"),
+        ("C.tersoff.zbl", f"C C C {CARBON_LINE} 6 6 0.95", r"three elements and 18 numbers, got 20 words"),
+        ("C.tersoff", f"# UNITS: real\nC C C {CARBON_LINE}", r"its first line says UNITS: real; expected metal"),
+        ("C.tersoff.mod", f"C C C {MOD.replace('1.98633876', '0.0')}", r"tersoff: C-C-C: nu must be positive, got 0"),
+    ],
+)  # fmt: skip
+def test_files_of_other_forms_that_are_refused(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=message):
+        kd.Tersoff(str(tmp_path / name))
+
+
 # --- bad input ---
 
 
@@ -492,3 +549,11 @@ def test_a_header_that_its_file_cannot_fulfil_and_a_density_of_nan_are_refused(t
         (tmp_path / "a.eam.he").write_text("\n".join([*lines[:4], header, *lines[5:]]))
         with pytest.raises(InputError, match=message):
             kd.EmbeddedAtom(file)
+
+
+def test_a_default_set_is_named():
+    assert str(kd.Tersoff()).startswith("Tersoff(silicon of Tersoff 1988")
+    assert "Si(B) or T2" in str(kd.Tersoff())
+    assert "Stillinger & Weber 1985" in str(kd.StillingerWeber())
+    entries = {"Si-Si-Si": {**kd.Tersoff().table["Si-Si-Si"], "D": 0.1}}
+    assert str(kd.Tersoff(entries)).startswith("Tersoff(entries={'Si-Si-Si': {")

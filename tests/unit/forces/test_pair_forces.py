@@ -20,6 +20,7 @@ from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.pairs.ends import TRUNCATIONS
 from kickdrift.forces.pairs.law import pair_law
 from kickdrift.model.system import System
+from kickdrift.run.simulation import Simulation
 from kickdrift_validation.folders import DATA
 from tests.long import rest
 from tests.oracle.agreement import assert_right, round_off
@@ -474,3 +475,24 @@ def test_a_users_morse(periodic):
     assert measured.potential == pytest.approx(energy.sum(), rel=1e-12)
     assert measured.virial == pytest.approx((radial * r).sum(), abs=1e-12 * np.abs(radial * r).sum())
     np.testing.assert_allclose(3.0 * measured.accelerations.T, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+@pair_law
+class SoftDisc(NamedTuple):
+    """A spring below the distance 1, by np.where in both results."""
+
+    stiffness: float = 1.0
+
+    def law(p, r2):
+        r = math.sqrt(r2)
+        energy, over_r = 0.5 * p.stiffness * (1.0 - r) ** 2, p.stiffness * (1.0 - r) / r
+        return np.where(r < 1.0, energy, 0.0), np.where(r < 1.0, over_r, 0.0)
+
+
+def test_a_pair_law_may_return_where():
+    x = np.random.default_rng(0).random((40, 3)) * 4.0
+    system = System(x, box=[4.0, 4.0, 4.0], forces=[SoftDisc(cutoff=1.5)])
+    apart = x[:, None] - x[None]
+    r = np.linalg.norm(apart - 4.0 * np.rint(apart / 4.0), axis=-1)[np.triu_indices(40, 1)]
+    energy = 0.5 * (np.maximum(0.0, 1.0 - r) ** 2).sum()
+    assert Simulation(system, dt=0.001).energy().potential == pytest.approx(energy, rel=1e-12)

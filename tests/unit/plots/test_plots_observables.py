@@ -127,3 +127,29 @@ def test_a_curve_of_two_points_has_markers_and_a_warning(tmp_path, drawn, kind):
     with pytest.warns(UserWarning, match=rf"{kind}: the curve has \d points?; write frames more often"):
         plot_observable(path, kind, tmp_path / "figure.png")
     assert drawn[0].axes[0].lines[-1].get_marker() == "o"
+
+
+def overlaps(one, other) -> bool:
+    return one.x0 < other.x1 and other.x0 < one.x1 and one.y0 < other.y1 and other.y0 < one.y1
+
+
+def test_panels_of_an_odd_number_stand_apart():
+    """A report has no g(r), as the run of a cluster, so its figure has three panels."""
+    figure = kd.Simulation(kd.load("lj-1000-switch"), "velocity-verlet", 0.005).run(20, every=1).plot()
+    figure.canvas.draw()
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    assert len(boxes) == 3
+    assert not any(overlaps(boxes[i], boxes[j]) for i in range(3) for j in range(i))
+
+
+@pytest.mark.parametrize("span", [(0.02, 0.5), (0.3, 40.0), (0.011, 0.09)])
+def test_labels_of_logarithmic_axes_do_not_touch(span):
+    figure = drawing.new_figure(7.2, 6.0)
+    axes = drawing.new_axes(figure, (4, 1, 4))
+    axes.set(xscale="log", yscale="log", xlim=span, ylim=span)
+    drawing.few_labels(axes)
+    figure.canvas.draw()
+    for axis in (axes.xaxis, axes.yaxis):
+        ticks = [each for each in [*axis.get_major_ticks(), *axis.get_minor_ticks()] if each.label1.get_text()]
+        shown = [each.label1.get_window_extent() for each in ticks if span[0] <= each.get_loc() <= span[1]]
+        assert not any(overlaps(shown[i], shown[j]) for i in range(len(shown)) for j in range(i))

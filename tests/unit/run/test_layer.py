@@ -37,19 +37,6 @@ def test_g_of_r_of_a_layer_in_a_periodic_box_is_refused():
         radial_distribution(x, (4.8,) * 3)
 
 
-def test_names_that_no_particle_has_are_told():
-    laws = {"Ar": {"epsilon": 1.0}, "Kr": {"epsilon": 1.5}}
-    force = kd.LennardJones(cutoff=2.0, species=laws, pairs={("Ar", "ar"): {"epsilon": 2.0}})
-    system = kd.System([[0, 0, 0], [1.2, 0, 0], [0, 1.2, 1.0]], forces=[force], species=["Ar"] * 3)
-    assert kd.Simulation(system, dt=0.001).run(1).warnings == ["lennard-jones: no particle is of species 'Kr', 'ar'"]
-    few = kd.LennardJones(cutoff=2.0, pairs={("Ar", "Arr"): {"epsilon": 2.0}})
-    system = kd.System(system.state.positions, forces=[few], species=["Ar"] * 3)
-    assert kd.Simulation(system, dt=0.001).run(1).warnings == [
-        "lennard-jones: no particle is of species 'Arr'; did you mean 'Ar'?",
-        "lennard-jones: pairs Ar-Ar have epsilon = 1 and sigma = 1, the default, because only other pairs are named",
-    ]
-
-
 def test_factors_beside_gravity_alone_are_told():
     x = [[0, 0, 0], [1.2, 0, 0], [0, 1.2, 1.0]]
     topology = kd.Topology([(0, 1), (1, 2)], factors=(0, 0, 0.5))

@@ -5,7 +5,7 @@ from functools import partial
 from math import inf
 from typing import Any, NamedTuple
 
-from kickdrift_validation.performance import bodies, crystals, liquids, salts
+from kickdrift_validation.performance import bodies, crystals, liquids, salts, waters
 from kickdrift_validation.performance.batch import SYSTEMS, Together, Whfast512Together, one_by_one
 from kickdrift_validation.performance.bodies import Heyoka, Rebound, ReboundTree, Scipy, Whfast512
 from kickdrift_validation.performance.crystals import LammpsCrystal
@@ -13,6 +13,7 @@ from kickdrift_validation.performance.gromacs import Gromacs
 from kickdrift_validation.performance.liquids import Asap, Ase, Lammps, Openmm, liquid
 from kickdrift_validation.performance.salts import LammpsSalt
 from kickdrift_validation.performance.turns import Runner
+from kickdrift_validation.performance.waters import LammpsWater, OpenmmWater, Ours
 
 MERCURY = 0.2408467  # years
 MELT, MELT_LARGE = 2000, 500  # steps until the lattice is a liquid
@@ -238,6 +239,21 @@ def salt(count: int) -> Group:
     )  # fmt: skip
 
 
+def water(molecules: int) -> Group:
+    """Rigid water by a mesh. The precision of a row has the error of its forces."""
+    return Group(
+        f"water-{molecules}", f"{molecules} rigid molecules of SPC/E water, 2 fs a step, forces to 1e-4, one thread",
+        partial(waters.settled, molecules), "steps", 0,
+        (
+            Contestant("kickdrift", Ours, alone=True),
+            Contestant("kickdrift mixed", partial(Ours, precision="mixed"), alone=True),
+            Contestant("LAMMPS pppm, fix shake", LammpsWater, alone=True),
+            Contestant("OpenMM", OpenmmWater, alone=True),
+        ),
+        (Goal("LAMMPS", 4.0), Goal("OpenMM", 5.0)), overhead=90.0, usual=False,
+    )  # fmt: skip
+
+
 ENTRIES: tuple[Group | Command, ...] = (
     Group(
         "lj-1000", "1000 Lennard-Jones particles, rho* = 0.8442, cut and shifted at 2.5, dt* = 0.005, one thread",
@@ -304,6 +320,7 @@ ENTRIES: tuple[Group | Command, ...] = (
     crystal("silicon-512-tersoff", "tersoff", "512 silicon atoms, Tersoff"),
     salt(1728),
     salt(8000),
+    water(4096),
     leapfrog(9, 1.8, 20_000),
     leapfrog(100, 4.0, 1000, usual=False),
     leapfrog(1000, 4.0, 100),

@@ -176,7 +176,7 @@ def _system(subject: Any) -> System:
         corners = np.array([[0, 0, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
         places = np.stack(np.meshgrid(*[np.arange(4)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
         positions = cell * (places + corners).reshape(-1, 3)
-        kinds = list(subject.species or ()) or None
+        kinds = list(subject.names) or None
         species = None if kinds is None else [kinds[k % len(kinds)] for k in range(len(positions))]
         return System(
             positions,

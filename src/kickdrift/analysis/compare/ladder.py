@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import log
+from math import inf, log
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ COARSEST = 1 / 32  # part of these evaluations, at the bottom of a ladder of ste
 RUNGS = 16  # most runs in a ladder
 RTOLS = tuple(10.0**-k for k in range(2, 14))
 BELIEVED = 3.0  # smallest ratio of a believed error to the reference's own error
+LOCAL_SECONDS = 3.0  # most time for a method's errors of one step; where forces jump, tight runs take tiny steps
+PARTS = 4  # steps of a reference of fixed steps in the step whose error it measures
 LOCAL_POINTS = 4  # points of a Problem; particles use the start alone; stiff problems, which show no order, use none
 USELESS = 1.0  # relative error of a run that missed the solution
 
@@ -43,7 +46,7 @@ class LocalErrors:
         name: str,
         threads: int,
     ) -> None:
-        self.subject, self.threads, self.floor = subject, threads, ROUNDING
+        self.subject, self.threads, self.floor, self._left = subject, threads, ROUNDING, inf
         self.starts = [start][:points]
         if plan.y is not None:
             samples = len(plan.y) - 1
@@ -52,26 +55,31 @@ class LocalErrors:
             self._scale = plan.scale
         else:
             self._scale = reference.natural_scale(subject, vector(start)[None])
-        self._reference = Simulation(
-            subject,
-            name,
-            threads=threads,
-            precision="double",
-            **reference.tolerances(subject, start, reference.TIGHT[name][0][0], name),
-        )
+        self._name = name
+        if name != reference.HELD:
+            tight = reference.tolerances(subject, start, reference.TIGHT[name][0][0], name)
+            self._reference = Simulation(subject, name, threads=threads, precision="double", **tight)
+
+    def begin(self, seconds: float) -> None:
+        """Let the errors of the next method take so many seconds."""
+        self._left = seconds
 
     def of(self, which: str | Integrator, step: float) -> float | None:
-        """Error after one step of that length. None if the step blows up, without points, and for methods whose first
-        steps differ."""
+        """Error after one step of that length. None if the step blows up, without points, without time, and for methods
+        whose first steps differ."""
         method = method_of(which)
-        if isinstance(method, SciPyMethod) or not self.starts:
+        if isinstance(method, SciPyMethod) or not self.starts or self._left < 0:
             return None
         given: dict[str, Any] = {key: ANY for key in ("rtol", "atol") if key in method.tunable}
         try:
             with np.errstate(all="ignore"):
                 sim = Simulation(self.subject, which, dt=step, threads=self.threads, precision="double", **given)
+                if self._name == reference.HELD:  # its steps divide this one
+                    self._reference = Simulation(
+                        self.subject, self._name, dt=step / PARTS, threads=self.threads, precision="double"
+                    )
                 errors = [self._one(sim, start) for start in self.starts]
-        except (RunError, ArithmeticError, InputError):
+        except (RunError, ArithmeticError, InputError, OutOfTime):
             return None
         found = float(np.sqrt(np.mean(np.square(errors))))
         return found if np.isfinite(found) else None
@@ -80,7 +88,16 @@ class LocalErrors:
         sim.state = start
         sim.run(1, every=1)
         self._reference.state = start
-        self._reference.run(until=sim.time, every=2**40)  # an adaptive method need not take dt as its first step
+        began = perf_counter()
+
+        def progress(done: int, of: int) -> None:
+            if perf_counter() - began > self._left:
+                raise OutOfTime(self._reference.time - start.time, vector(start), 0, perf_counter() - began)
+
+        try:
+            self._reference.run(until=sim.time, every=2**40, progress=progress)  # its steps differ
+        finally:
+            self._left -= perf_counter() - began
         difference = vector(sim.state) - vector(self._reference.state)
         return float(reference.distance(reference.compared(self.subject, difference), self._scale))
 
@@ -169,6 +186,7 @@ class Bench:
         method = which.method
         rows: list[Row] = []
         left, seconds, below = self.share, 0.0, 0
+        self._local.begin(LOCAL_SECONDS)
         warm_up(self.subject, self.start, which, 1e-3 * self.length / max(self.evaluations, 1.0), self.threads)
         for rung, knob in enumerate(self._knobs(method)):
             if seconds > left or below == 2:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import log
+from math import ceil, log
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,10 @@ TIGHT = {
     "gauss-radau15": ((1e-12, 1e-11), (1e-10, 1e-9), (1e-8, 1e-7), (1e-5, 1e-4)),
 }
 MODERATE = {"dop853": 1e-9, "radau": 1e-9, "gauss-radau15": 1e-10}  # for the divergence of neighbouring runs
+# Methods of fixed steps, for constraints: the same as parts of the file's step in the place of rtol.
+HELD, HELD_LOOSE = "yoshida8", "velocity-verlet"
+TIGHT[HELD] = ((0.25, 0.5), (0.5, 1.0), (1.0, 2.0))
+MODERATE[HELD] = 1.0
 ATOL = 1e-2  # ratio of atol to rtol times the unknowns' size, if the file gives no tolerances
 LOST = log(1e12)  # exponent of growth over a run that leaves no digit of double precision
 PERTURBATION = 1e-8  # relative change of the start, for the divergence of neighbours
@@ -118,6 +122,20 @@ def tolerances(subject: Subject, start: Any, rtol: float, name: str) -> dict[str
     return {"rtol": rtol, "atol": ATOL * rtol * min((size for size in sizes if size > 0), default=1.0)}
 
 
+def fineness(subject: Subject, start: Any, rtol: float, name: str, length: float, samples: int) -> dict[str, Any]:
+    """What makes a run of a reference's method that precise: tolerances, or the steps of a method of fixed steps, whose
+    ``rtol`` is a part of the file's step."""
+    if name not in (HELD, HELD_LOOSE):
+        return tolerances(subject, start, rtol, name)
+    dt = rtol * float(subject.run.dt or length)
+    return {"steps": samples * max(1, ceil(length / (samples * dt) - 1e-9))}
+
+
+def is_held(subject: Subject) -> bool:
+    """Tell whether constraints or virtual sites leave a System to methods of fixed steps."""
+    return bool(getattr(subject, "tied_by", ""))
+
+
 def is_stiff(subject: Subject, state: Any, length: float) -> bool:
     """Tell whether the file's own integrator is for stiff problems, or a mode decays over 1e4 times within the length,
     by the eigenvalues at that state."""
@@ -130,16 +148,20 @@ def is_stiff(subject: Subject, state: Any, length: float) -> bool:
     return float(-stiffness(subject, [state])[0].eigenvalues.real.min()) * length > STIFF_DECADES
 
 
-def loose_method(stiff: bool) -> str:
+def loose_method(subject: Subject, stiff: bool) -> str:
     """Method of runs at a loose tolerance, which estimate the least cost of a solution."""
+    if is_held(subject):
+        return HELD_LOOSE
     return "radau" if stiff else "dop853"
 
 
 def reference_method(subject: Subject, stiff: bool) -> str:
-    """Method of tight runs: gauss-radau15, except for stiff problems, and for particles with a force cutoff, which
-    makes its high order useless."""
+    """Method of tight runs: gauss-radau15, except for stiff problems, for particles with a force cutoff, which makes
+    its high order useless, and for constraints, which it does not keep."""
+    if is_held(subject):
+        return HELD
     broken = isinstance(subject, System) and any(hasattr(force, "cutoff") for force in subject.forces)
-    return loose_method(stiff) if stiff or broken else "gauss-radau15"
+    return loose_method(subject, stiff) if stiff or broken else "gauss-radau15"
 
 
 def perturbed(start: Any, y: Floats, state_at: Callable[..., Any]) -> Any:
@@ -189,7 +211,7 @@ def reference(
     run: dict[str, Any] = {"threads": threads, "limit": limit}
     rate, has_energy = 0.0, isinstance(subject, System) or (subject.energy is not None and not stiff)
     try:
-        moderate = tolerances(subject, start, MODERATE[name], name)
+        moderate = fineness(subject, start, MODERATE[name], name, probe, PROBED)
         off = perturbed(start, vector(start), state_at)
         here = follow(subject, start, name, probe, PROBED, **moderate, **run)
         there = follow(subject, off, name, probe, PROBED, **moderate, **run)
@@ -227,16 +249,17 @@ def _tight(
 ) -> Reference:
     failure: Exception | None = None
     for rtol, looser in TIGHT[name]:
-        given = tolerances(subject, start, rtol, name)
+        given, coarser = (fineness(subject, start, each, name, length, samples) for each in (rtol, looser))
         try:
             best = follow(subject, start, name, length, samples, **given, **run)
-            other = follow(subject, start, name, length, samples, **tolerances(subject, start, looser, name), **run)
+            other = follow(subject, start, name, length, samples, **coarser, **run)
         except (OutOfTime, RunError) as error:
             failure = error
             continue
         scale = natural_scale(subject, best.y)
         apart = distance(compared(subject, best.y) - compared(subject, other.y), scale)
-        text = f"{name} at " + ", ".join(f"{key} = {value:.2g}" for key, value in given.items())
+        said = {"dt": length / given["steps"]} if "steps" in given else given
+        text = f"{name} at " + ", ".join(f"{key} = {value:.2g}" for key, value in said.items())
         agreed = int(np.argmax(apart > AGREED)) if (apart > AGREED).any() else samples
         if agreed < max(7, samples // 8):
             raise RunError(f"two runs of {name}, rtol = {rtol:g} and {looser:g}, differ by {apart.max():.2g}")

@@ -11,7 +11,7 @@ import numpy as np
 from kickdrift.analysis.compare.comparison import Comparison as Comparison
 from kickdrift.analysis.compare.ladder import Bench, Row
 from kickdrift.analysis.compare.pilot import OutOfTime, Subject, follow, resonance, state_at
-from kickdrift.analysis.compare.reference import is_stiff, loose_method, reference, tolerances
+from kickdrift.analysis.compare.reference import fineness, is_held, is_stiff, loose_method, reference
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import check_threads
 from kickdrift.integrators import INTEGRATORS
@@ -22,6 +22,7 @@ from kickdrift.run.simulation import Simulation
 SPLITTINGS = ("velocity-verlet", "forest-ruth", "pefrl", "blanes-moan4", "yoshida6", "blanes-moan6", "yoshida8")
 EXPLICIT = ("midpoint", "rk4", "bogacki-shampine23", "dormand-prince45", "dop853")
 STIFF = ("bdf", "radau", "rosenbrock", "lsoda", "dormand-prince45")
+HELD = ("velocity-verlet", "leapfrog-dkd", "yoshida4", "yoshida6")  # that keep constraints
 BESIDE_SPLITTINGS = ("rk4", "dormand-prince45", "dop853", "gauss-radau15")
 ANY_STEP = 1e-3
 SUBSTEPS = (2, 4, 8, 16)  # splits that a comparison tries of forces in groups
@@ -61,11 +62,15 @@ def chosen_methods(
 
 
 def check_reference(subject: Subject) -> None:
-    """Refuse a System that no method for a reference can move."""
+    """Refuse a System that no method for a reference can move, and constraints without a step."""
+    if is_held(subject) and subject.run.dt is None:
+        raise InputError(
+            f"compare: {subject.name} has no dt in [run], and no method that keeps constraints chooses its step"
+        )
     if isinstance(subject, System):
-        name = loose_method(False)
+        name = loose_method(subject, False)
         try:
-            Simulation(subject, name, precision="double")
+            Simulation(subject, name, dt=ANY_STEP if is_held(subject) else None, precision="double")
         except InputError as error:
             raise InputError(f"compare: its reference, {str(error).replace(f'{name}: ', f'{name}, ', 1)}") from None
 
@@ -89,6 +94,8 @@ def default_integrators(subject: Subject, stiff: bool) -> list[str | Integrator]
     Splittings of orders 2 to 8 suit accelerations that depend on positions alone, explicit Runge-Kutta methods other
     equations, and implicit methods stiff ones. Forces in groups are tried with several splits of ``respa`` too.
     """
+    if is_held(subject):
+        return list(HELD)
     names: Sequence[str] = STIFF if stiff else (*SPLITTINGS, *BESIDE_SPLITTINGS) if _separable(subject) else EXPLICIT
     if isinstance(subject, System) and len(subject) > 64:
         names = [name for name in names if name not in ("yoshida8", "dormand-prince45", "gauss-radau15")]
@@ -254,8 +261,8 @@ def _part(progress: Progress | None, index: int, of: int, percent: int) -> None:
 
 def _cost(subject: Subject, start: Any, length: float, stiff: bool, threads: int, limit: float) -> tuple[Cost, Any]:
     """Cost of a run at a loose tolerance, and its last state."""
-    name = loose_method(stiff)
-    run = tolerances(subject, start, LOOSE, name)
+    name = loose_method(subject, stiff)
+    run = fineness(subject, start, 1.0 if is_held(subject) else LOOSE, name, length, 7)
     for _ in range(2):  # the first run also loads compiled code
         try:
             track = follow(subject, start, name, length, 7, threads=threads, limit=limit, **run)

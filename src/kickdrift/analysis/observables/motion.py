@@ -27,17 +27,20 @@ class Diffusion:
     """A self-diffusion coefficient in length² per time, its standard error, and the time window of the fit.
 
     The error is infinite if the run is too short. ``unit`` is the unit of value and error, "" for arrays and plain
-    numbers; as text, a familiar unit stands beside it."""
+    numbers; as text, a familiar unit stands beside it. ``known_to`` is the longest time with a known error of the
+    correlation function; an error is unknown for times beyond."""
 
     value: float
     error: float
     window: tuple[float, float]
     unit: str = ""
+    known_to: float = math.nan
 
     def __str__(self) -> str:
         if math.isfinite(self.error):
             return mean_with_units(self.value, self.error, self.unit)
         unknown = f"error unknown: the run is too short for times up to {self.window[1]:g}"
+        unknown += f"; errors end at {self.known_to:g}" if self.known_to < self.window[1] else ""
         return f"{mean_with_units(self.value, None, self.unit)}, {unknown}"
 
     def at_infinite_size(self, temperature: float, viscosity: float, edge: float, boltzmann: float = 1.0) -> Diffusion:
@@ -114,7 +117,9 @@ class _Correlation:
         found = block_average(rows) if len(rows) else Mean(np.nan, np.inf, 0)  # type: ignore[arg-type]
         window = float(self.times[first]), float(self.times[last])
         unit = symbol_of(f"{self.units.length}^2/{self.units.time}") if self.units else ""
-        return Diffusion(float(weights @ self.values[: last + 1]), float(found.error), window, unit)
+        known = np.flatnonzero(np.isfinite(self.error))
+        known_to = float(self.times[known[-1]]) if len(known) else 0.0
+        return Diffusion(float(weights @ self.values[: last + 1]), float(found.error), window, unit, known_to)
 
 
 class MeanSquaredDisplacement(_Correlation):

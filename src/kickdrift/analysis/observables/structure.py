@@ -18,7 +18,7 @@ from kickdrift.statistics.blocks import mean_over_frames
 
 REACH = 1.5  # default range in units of 2π over the mean distance (V/n)^(1/3), beyond a liquid's first peak
 ROOM = 2**22  # most complex numbers of one product in memory
-CLOSED = "needs a box periodic along all axes, or particles in one plane of a box open along z"
+CLOSED = "needs a box periodic along all axes, or along x and y: a slab or a plane open along z"
 PLANE = (True, True, False)  # axes of a box that is periodic in two dimensions
 
 
@@ -146,7 +146,9 @@ def radial_distribution(
 
     g is the number of ordered pairs (i, j ≠ i) with r in a bin, divided by that of n(n-1) independent pairs spread
     evenly: n(n-1) (4π/3)(r₊³ - r₋³) / V; n_a n_b for two species. In two dimensions, with the box open along z and z
-    equal for all, the shell is π(r₊² - r₋²) / A. So g is 1 on average for an ideal gas, whatever n is.
+    equal for all, the shell is π(r₊² - r₋²) / A. So g is 1 on average for an ideal gas, whatever n is. In a slab, a box
+    open along z, the independent pairs have the heights of the particles and are spread evenly along x and y alone: a
+    pair dz apart in height has the part π(max(0, r₊² - dz²) - max(0, r₋² - dz²)) / A of the ring around it.
     Where a barostat changes the box, each frame counts with the volume of its own box.
     (Allen & Tildesley, Computer Simulation of Liquids, 2nd ed. 2017, section 8.2, eq. 8.15,
     doi:10.1093/oso/9780198803195.001.0001; there with n^2 for n(n-1).) The error comes from block averages over frames.
@@ -188,11 +190,12 @@ def radial_distribution(
     chosen = np.concatenate([first, second]) if unlike else first
     kinds = (np.arange(len(chosen)) >= len(first)).astype(np.int64) if unlike else np.zeros(len(chosen), np.int64)
     edges = np.linspace(0.0, r_max, bins + 1)
+    slab = plane and any(np.ptp(x[:, 2]) > 0 for x in found.each())
     shells = ordered * np.pi * np.diff(edges**2) if plane else ordered * 4 / 3 * np.pi * np.diff(edges**3)
 
     from kickdrift.analysis.observables.pair_counts import pair_counts
 
-    frames = map(_in_plane if plane else _in_space, found.each())
+    frames = found.each() if plane else map(_in_space, found.each())
     twice = 1 if unlike else 2  # a pair of one kind counts from both ends
     total = np.zeros(bins, np.int64)
 
@@ -200,7 +203,9 @@ def radial_distribution(
         for x, box in zip(frames, found.boxes, strict=True):
             counts = twice * pair_counts(x[chosen], box, kinds, unlike, r_max, bins)
             np.add(total, counts, out=total)
-            yield counts / (shells / (box.area if plane else box.volume))
+            spread = _in_slab(x[first, 2], x[second, 2], not unlike, edges) if slab else shells
+            expected = spread / (box.area if plane else box.volume)
+            yield np.divide(counts, expected, out=np.zeros(bins), where=expected > 0)
 
     g = mean_over_frames(len(found), rows())
     coordination = np.cumsum(total) / (len(found) * len(first))
@@ -295,10 +300,18 @@ def _check_periodic(found: Vectors, name: str) -> None:
         raise InputError(f"{name}: needs a periodic box; an open system has no density")
 
 
-def _in_plane(x: Floats) -> Floats:
-    if np.any(x[:, 2] != x[0, 2]):
-        raise InputError(f"radial_distribution: {CLOSED}")
-    return x
+def _in_slab(first: Floats, second: Floats, alike: bool, edges: Floats) -> Floats:
+    """Area of the rings (bins,) between spheres of the radii ``edges``, summed over ordered pairs of these heights."""
+    ordered = np.sort(second)
+    sums = np.concatenate([[0.0], np.cumsum(ordered)])
+    squares = np.concatenate([[0.0], np.cumsum(ordered**2)])
+    inside = np.empty(len(edges))
+    for k, r in enumerate(edges):
+        low, high = np.searchsorted(ordered, first - r), np.searchsorted(ordered, first + r, side="right")
+        count, sum1, sum2 = high - low, sums[high] - sums[low], squares[high] - squares[low]
+        inside[k] = (count * (r * r - first**2) + 2.0 * first * sum1 - sum2).sum()
+        inside[k] -= len(first) * r * r if alike else 0.0  # a particle is no neighbour of its own
+    return np.pi * np.diff(inside)
 
 
 def _in_space(x: Floats) -> Floats:

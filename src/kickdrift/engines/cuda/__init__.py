@@ -11,6 +11,7 @@ from typing import Any
 from kickdrift.engines.job import RESCALING, Job
 from kickdrift.forces import Gravity
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.pairs.tabulated import Tabulated
 from kickdrift.integrators.options import MIXED
 
 TAKES = "the device takes one pair law or gravity, alone"
@@ -25,6 +26,8 @@ def refusal(job: Job) -> str | None:
         names = " and ".join(repr(force.name) for force in system.forces)
         given = f"force{'s' * (len(system.forces) > 1)} {names}" if names else f"{system.name!r} has no force"
         return f"{given}: {TAKES}"
+    if isinstance(system.forces[0], Tabulated):
+        return f"force {system.forces[0].name!r}: the device takes a formula; a table lies in the processor's memory"
     further = getattr(job.method, "further", "")
     if further and further in RESCALING and not any(system.box.periodic_axes):
         return f"integrator {job.named!r}: on the device, it needs a box that is periodic along an axis"

@@ -78,7 +78,7 @@ def bind(force: BondedPotential, system: Subject) -> Any:
     """Bind a bonded force to a System."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):
-        cls.compiled_law = as_written(cls.law)
+        cls.compiled_law = cls.own_code() if hasattr(cls, "own_code") else as_written(cls.law)
     items, laws, which = force.items(system)
     table = np.array([tuple(map(float, law)) for law in laws])
     masses = system.coherent_masses

@@ -103,6 +103,7 @@ class BondedForce(Grouped):
     types: Mapping[str, Mapping[str, float]] | None = None
 
     Parameters: ClassVar[Any]  # the law's NamedTuple class
+    law_keys: ClassVar[tuple[str, ...]]  # what a table of ``types`` may say of the law
     name: ClassVar[str]
     kind: ClassVar[str]  # a key of MEASURED
     limited: ClassVar[bool] = True
@@ -113,7 +114,7 @@ class BondedForce(Grouped):
     joins: ClassVar[bool] = True  # joined bodies may neither merge nor leave
 
     def __post_init__(self) -> None:
-        for key in self.Parameters._fields:
+        for key in self.law_keys:
             object.__setattr__(self, key, self._checked(key, getattr(self, key), ""))
         if self.types is not None:
             if not isinstance(self.types, Mapping) or not self.types:
@@ -122,16 +123,20 @@ class BondedForce(Grouped):
                 if not isinstance(values, Mapping):
                     raise InputError(f"{self.name}: types.{name}: expected a table, got {shown(values)}")
                 for key, value in values.items():
-                    if key not in self.Parameters._fields:
-                        hint = suggestion(key, self.Parameters._fields)
+                    if key not in self.law_keys:
+                        hint = suggestion(key, self.law_keys)
                         raise InputError(f"{self.name}: types.{name}: unknown parameter {shown(key)}{hint}")
                     self._checked(key, value, f" of type {name}")
         for where, law in self._laws_given():
             if problem := getattr(law, "problem", ""):
                 raise InputError(f"{self.name}{where}: {problem}")
-            check_bonded_slope(f"{self.name}{where}", law, self.kind)
-            if self.kind == "dihedrals":  # stiff impropers never come near 180 degrees
-                check_closed(f"{self.name}{where}", law)
+            self._check_given(where, law)
+
+    def _check_given(self, where: str, law: Any) -> None:
+        """Refuse a law whose slope is not that of its energy, or that jumps at 180 degrees."""
+        check_bonded_slope(f"{self.name}{where}", law, self.kind)
+        if self.kind == "dihedrals":  # stiff impropers never come near 180 degrees
+            check_closed(f"{self.name}{where}", law)
 
     def _checked(self, key: str, value: Any, where: str) -> float:
         found = number(self.name, key + where, value)
@@ -161,7 +166,11 @@ class BondedForce(Grouped):
         """Parameters of the law for a type; None if the force does not act on this type."""
         if self.types is None:
             return self.law
-        return self.law._replace(**self.types[type]) if type in self.types else None
+        return self.law_with(f" of type {type}", self.types[type]) if type in self.types else None
+
+    def law_with(self, where: str, values: Mapping[str, Any]) -> Any:
+        """Parameters of the law with these values in place of the force's own; ``where`` says whose they are."""
+        return self.law._replace(**values)
 
     def _laws_given(self) -> Iterator[tuple[str, Any]]:
         if self.types is None:
@@ -220,7 +229,8 @@ class BondedForce(Grouped):
             if not (math.isfinite(energy) and math.isfinite(slope)):
                 where = f"{value:.6g}" if self.kind == "bonds" else f"{value / TURN:.6g} degrees"
                 word = "length" if self.kind == "bonds" else "angle"
-                at = ", ".join(f"{key} = {number:g}" for key, number in laws[law]._asdict().items())
+                numbers = ", ".join(f"{key} = {number:g}" for key, number in laws[law]._asdict().items())
+                at = getattr(laws[law], "said", numbers)
                 return (
                     f"{self.kind[:-1]} {k} of particles {_and(items[k])} has the {word} {where}, where the law has no "
                     f"finite energy and slope ({at})"

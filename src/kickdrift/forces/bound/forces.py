@@ -16,7 +16,7 @@ from kickdrift.forces.lists.clusters import BUILT, JUMPS_ALLOWED, OUTER_BUILDS, 
 from kickdrift.forces.lists.load import live_list
 from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.pairs.lists import grown, memory, recalled, thinned, tuned, with_moving_parts
-from kickdrift.forces.seam.group import ListedForce, reach_of
+from kickdrift.forces.seam.group import reach_of
 from kickdrift.forces.seam.kernel import GROW, OK, BoundForce
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
 from kickdrift.jit.threads.chunks import team_of
@@ -80,7 +80,7 @@ def bound(system: UnderForces, threads: int, mixed: bool) -> tuple[BoundForce, .
         if (guest := guests.get(id(force))) is not None:
             made = guest.bind_host(force, system, threads, mixed)
         else:
-            made = force.bind(system, threads, *([mixed] if isinstance(force, ListedForce) else []))
+            made = force.bind(system, threads, *([mixed] if getattr(force, "has_pairs", False) else []))
         found.append(made if isinstance(made, BoundForce) else BoundForce(made))
     return tuple(found)
 
@@ -121,8 +121,7 @@ class BoundForces:
         apart: bool = False,
     ) -> None:
         self.threads = check_threads(threads)
-        pairs = [isinstance(force, ListedForce) for force in system.forces]
-        if mixed and not any(pairs):
+        if mixed and not any(getattr(force, "has_pairs", False) for force in system.forces):
             raise InputError(f"precision: mixed needs pair forces; {system.name!r} has none")
         sites = getattr(system, "virtual_sites", None) is not None
         self.forces = bound(weighed(system) if sites else system, threads, mixed)

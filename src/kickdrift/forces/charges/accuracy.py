@@ -20,6 +20,7 @@ PAIR, WAVE = 6.0, 0.42  # nanoseconds of a near pair within the cutoff, and of o
 TYPICAL = 0.5  # typical force, over that of two charges of mean square (V / n)^(1/3) apart; molten salt has 0.76
 TRIED = 48  # cutoffs between the shortest and the longest
 SHARE = 0.5  # of the wanted error for each of the two parts; errors of some systems are a little above the predicted
+THIN, MARGIN = 1e-6, 0.05  # accuracy below which the neglected charges lie in a thin shell; see `share_of`
 LEAST, MOST = 1e-13, 0.5  # limits of an accuracy
 FEW, EVEN = 64, 1.25  # charges below which a density counts as even, and the most crowding that does
 KEPT = 100  # crowdings of the last places; a System asks for its own many times, and a large one takes a second
@@ -108,9 +109,17 @@ def rising(function: Callable[[float], float], low: float, high: float) -> float
     return high
 
 
+def share_of(accuracy: float) -> float:
+    """Part of a wanted error for the waves and for the near part each.
+
+    The smaller the error, the thinner is the shell of charges beyond the cutoff that makes most of it. In a crystal the
+    charges of a thin shell may have one sign. So each decade below 1e-6 takes off a twentieth, up to a half."""
+    return SHARE * max(0.5, 1.0 - MARGIN * max(0.0, math.log10(THIN / accuracy)))
+
+
 def split_at(charged: Charged, accuracy: float, cutoff: float, alpha: float | None, waves: float | None) -> Split:
     """The Split with this cutoff, and with the given values of the others, for a wanted error."""
-    wanted = SHARE * accuracy
+    wanted = share_of(accuracy) * accuracy
     if alpha is None:
         alpha = rising(lambda a: charged.near_error(a, cutoff) - wanted, 1e-3 / cutoff, 1e2 / cutoff)
     if waves is None:

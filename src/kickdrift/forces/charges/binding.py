@@ -107,28 +107,29 @@ class ChargedKernel(BesidePairs):
         return ChargedKernel(self.parts._replace(far=far.with_along(along[: far.rows_along]).parts), own)
 
 
-def bind(force: Charges, system: Subject, threads: int) -> BoundForce:
-    """Bind Coulomb's law to a System, without the near part if a pair force has that."""
+def bind(force: Charges, system: Subject, threads: int, mixed: bool = False) -> BoundForce:
+    """Bind Coulomb's law to a System, without the near part if a pair force has that. ``mixed`` is its precision."""
     if force.method == DIRECT:
         charges = force.scaled_charges(system)
         return BoundForce(direct_kernel.bind(charges, system.coherent_masses, special_pairs(system), threads))
     far = bind_far(force, system, threads)
     if force.host(system) is not None:
         return BoundForce(far)
-    near = bind_near(force, None, system, threads)
+    near = bind_near(force, None, system, threads, mixed)
     return ChargedKernel(ChargedParts(far, near.parts, 0, 0), near)
 
 
-def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: int) -> PairKernel:
+def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: int, mixed: bool = False) -> PairKernel:
     """Bind the near part and the pair force ``host``, if there is one, as one sum over pairs."""
     radial = force.radial(split := force.split(system))
-    own: Any = None if host is None else pair_binding.bind(host, system, threads).parts
+    own: Any = None if host is None else pair_binding.bind(host, system, threads, mixed).parts
     reach = split.cutoff if own is None else max(own.cutoff, split.cutoff)
-    lanes = row_lanes(mixed=False)
-    pairs = pair_binding.list_of(system, reach, lanes, threads)
+    lanes = row_lanes(mixed)
+    pairs = pair_binding.list_of(system, reach, lanes, threads, mixed)
     slots, chunks = pairs.x.size // 3, pairs.force.shape[0]
     law = ChargedPairs(own and own.law, own.cutoff**2 if own else 0.0, radial)
-    tables = ChargedTables(own and own.tables, force.scaled_charges(system), aligned((slots,)))
+    single = (aligned((slots,), dtype=np.float32), aligned((4 * slots,), dtype=np.float32)) if mixed else ()
+    tables = ChargedTables(own and own.tables, force.scaled_charges(system), aligned((slots,)), *single)
     if own is not None:
         return ChargedPairKernel(own._replace(law=law, tables=tables, cutoff=reach, pairs=pairs))
     return ChargedPairKernel(
@@ -137,7 +138,7 @@ def bind_near(force: Charges, host: PairForce | None, system: Subject, threads: 
             at_cutoff=AtCutoff(0.0, 0.0),
             tables=tables,
             truncation=Cut(),
-            mixed=None,
+            mixed=float(system.coherent_masses.sum()) if mixed else None,
             lanes=lanes,
             cutoff=reach,
             tail=(0.0, 0.0),

@@ -58,6 +58,7 @@ SOURCES: dict[str, str] = {  # of each method
     DAMPED_SHIFTED: "Fennell & Gezelter 2006, doi:10.1063/1.2206581",
 }
 LONGEST = 0.45  # cutoff that Ewald's sum chooses, in least heights of the box, so that a list of pairs has a skin
+SINGLE = 5e-7  # least accuracy with pairs in float32, over the cube root of the number of particles: places are rounded
 NEUTRAL = 1e-6  # of the largest charge: a larger sum of all charges counts as a net charge
 
 
@@ -318,16 +319,31 @@ class Coulomb(Grouped):
         net = float(self.scaled_charges(system).sum()) if self.net_charge(system) else 0.0
         return -0.5 * math.pi * (net / self.split(system).alpha) ** 2
 
-    def bind(self, system: Subject, threads: int = 1) -> Any:
-        """Bind this force to a System. Its near part is that of the pair force, if there is one; see `host`."""
+    @property
+    def has_pairs(self) -> bool:
+        """See ListedForce: a sum over all pairs has no list."""
+        return self.method != DIRECT
+
+    def bind(self, system: Subject, threads: int = 1, mixed: bool = False) -> Any:
+        """Bind this force to a System. Its near part is that of the pair force, if there is one; see `host`. With
+        ``mixed`` its pairs are in float32."""
         from kickdrift.forces.charges.binding import bind
 
-        return bind(self, system, threads)
+        self._check_precision(system, mixed)
+        return bind(self, system, threads, mixed)
 
     def bind_host(self, host: PairForce, system: Subject, threads: int, mixed: bool) -> Any:
         """Bind a pair force with the near part of this force."""
         from kickdrift.forces.charges.binding import bind_near
 
-        if mixed:
-            raise InputError("precision: mixed is for pair forces without charges")
-        return bind_near(self, host, system, threads)
+        self._check_precision(system, mixed)
+        return bind_near(self, host, system, threads, mixed)
+
+    def _check_precision(self, system: Subject, mixed: bool) -> None:
+        """Refuse an accuracy that pairs in float32 do not give."""
+        least = SINGLE * len(system) ** (1.0 / 3.0)
+        if mixed and self.method in ALL_IMAGES and self.accuracy < least:
+            raise InputError(
+                f"{self.name}: accuracy {self.accuracy:g} is more than pairs in float32 give to {len(system):,} "
+                f'particles, {least:.1e}; take precision "double"'
+            )

@@ -20,11 +20,13 @@ from kickdrift.forces.pairs.kernel import PairKernel, add_forces, compute_for
 from kickdrift.forces.pairs.lanes import pair_terms
 from kickdrift.forces.pairs.upkeep import brings_terms, fill_tables
 from kickdrift.jit.compile import as_written
+from kickdrift.jit.handle import Handle
 from kickdrift.jit.inner import by_type, overload
 from kickdrift.jit.lanes.functions import inverse_sqrt, lanes_like, multiply_add
 from kickdrift.jit.lanes.masks import select
 from kickdrift.jit.lanes.memory import broadcast, load, load_like
-from kickdrift.jit.lanes.vectors import WIDTH, lanes_type
+from kickdrift.jit.lanes.single import load_four_times, load_single
+from kickdrift.jit.lanes.vectors import WIDTH, half_single_type, lanes_type, single_type
 
 
 class ChargedPairs(NamedTuple):
@@ -41,6 +43,8 @@ class ChargedTables(NamedTuple):
     own: Any  # the tables of the pair law, or None
     charges: NDArray[np.float64]  # (n,)
     slots: NDArray[np.float64]  # (slots,) charge in each slot; padding has none
+    single: Any = None  # in mixed precision, the same as float32
+    fours: Any = None  # and with each number four times, (4 slots,), for rows of tiles
 
 
 ChargedPairs.brings_terms = True  # type: ignore[attr-defined]  # see `pairs.lanes.brings_terms`
@@ -60,10 +64,20 @@ def _pair_terms(laws, i, place, r2):
         return None
 
     def terms(laws, i, place, r2):
-        slots, j = laws[3].slots, slot_of(place)
-        return with_charges(laws, own_terms(laws, i, place, r2), broadcast(slots, i, r2) * load_like(slots, j, r2), r2)
+        return with_charges(laws, own_terms(laws, i, place, r2), product_of(laws[3], i, slot_of(place), r2), r2)
 
     return terms
+
+
+@by_type
+def product_of(tables, i, j, r2):
+    """Return the products of the charge in slot i, or with 16 lanes in the four slots from i on, with those from slot j
+    on."""
+    if r2 == single_type:
+        return lambda tables, i, j, r2: load_single(tables.fours, 4 * i) * load_four_times(tables.single, j)
+    if r2 == half_single_type:
+        return lambda tables, i, j, r2: broadcast(tables.single, i, r2) * load_like(tables.single, j, r2)
+    return lambda tables, i, j, r2: broadcast(tables.slots, i, r2) * load_like(tables.slots, j, r2)
 
 
 @overload(terms_within, prefer_literal=True)
@@ -188,6 +202,22 @@ def _spread(tables, pairs):
         for i in range(pairs.place.size):
             p = pairs.place[i]
             tables.slots[slot_of(p)] = tables.charges[i]
+        spread_single(tables)
         upkeep.spread(tables.own, pairs)
+
+    return spread_charges
+
+
+@by_type
+def spread_single(tables):
+    """In mixed precision, copy the charges of all slots to float32."""
+    kind = tables.kind if isinstance(tables, Handle) else tables
+    if isinstance(kind.types[3], types.NoneType):
+        return lambda tables: None
+
+    def spread_charges(tables):
+        for k in range(tables.slots.size):
+            tables.single[k] = tables.slots[k]
+            tables.fours[4 * k : 4 * k + 4] = tables.slots[k]
 
     return spread_charges

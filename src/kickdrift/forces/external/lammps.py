@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from kickdrift.disk.files import refuse_unfit
 from kickdrift.errors import InputError
+from kickdrift.forces.external.lammps_library import potential_folders
 from kickdrift.forces.fields.shipped import Field
 from kickdrift.forces.seam.arguments import check_massive
 from kickdrift.model.checks.arguments import checked_arguments
@@ -31,6 +34,16 @@ REFUSED = {
 ATOM_STYLES = ("atomic", "charge")
 
 
+def digest_of(word: str) -> str:
+    """SHA-256 of the file that LAMMPS finds under a word of a command; "" if the word names none."""
+    places = (Path(), *potential_folders())
+    path = next((place / word for place in places if os.path.isfile(place / word)), None)
+    if path is None:
+        return ""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 @checked_arguments
 @dataclass(frozen=True)
 class LammpsForce(Field):
@@ -43,7 +56,7 @@ class LammpsForce(Field):
     doi:10.1016/j.cpc.2021.108171.
 
     LAMMPS finds files of potentials in the folder of the run, or in its own folder of potentials. A run's file keeps
-    the commands, not these files: nothing tells whether a file has changed before a run is resumed.
+    the commands and the SHA-256 of each file that they name, and `resume` refuses a file that has changed.
 
     LAMMPS' lists of neighbours begin anew when an atom has moved by ``renewal``, and a run's checkpoints keep the
     positions of that beginning. So a resumed run has the same bits.
@@ -55,6 +68,7 @@ class LammpsForce(Field):
     commands : further commands: pair_modify, kspace_style, kspace_modify and special_bonds
     atom_style : "atomic", or "charge", which takes the particles' charges
     renewal : length; default 0.5 angstrom, or 0.15 in units lj
+    files : SHA-256 of each file that the commands name, by its name; default those of the files as they are
 
     Raises
     ------
@@ -68,6 +82,7 @@ class LammpsForce(Field):
     commands: Sequence[str] = ()
     atom_style: str = "atomic"
     renewal: float | None = None
+    files: Mapping[str, str] | None = None
 
     name: ClassVar[str] = "lammps"
     may_overlap: ClassVar[bool] = False
@@ -90,6 +105,14 @@ class LammpsForce(Field):
             raise InputError(f"{self.name}: renewal must be a positive length, got {shown(self.renewal)}")
         object.__setattr__(self, "pair_coeff", tuple(rows))
         object.__setattr__(self, "commands", tuple(self.commands))
+        found = {
+            word: digest for line in (self.pair_style, *rows) for word in line.split() if (digest := digest_of(word))
+        }
+        for word, digest in (self.files or {}).items():
+            if found.get(word) != digest:
+                why = "has changed: its SHA-256 is not" if word in found else "is missing; its SHA-256 was"
+                raise InputError(f"{self.name}: files: {shown(word)} {why} {shown(digest)}")
+        object.__setattr__(self, "files", found)
 
     def _check(self, key: str, line: str) -> None:
         """Refuse what is no command of a force: other commands, several lines, variables."""

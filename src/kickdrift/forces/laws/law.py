@@ -272,6 +272,7 @@ def force_of_law(
                 "__doc__": cls.__doc__,
                 "name": vars(cls).get("name", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower()),
                 "dimensions": {**dimensions, **getattr(cls, "dimensions", {})},
+                "law_keys": cls._fields,
                 **namespace,
             },
         )

@@ -7,10 +7,10 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from kickdrift.errors import InputError
-from kickdrift.forces.many_body.entries import checked_entries, elements_of, entry_of, read_entries
+from kickdrift.forces.many_body.entries import checked_entries, elements_of, entry_of, likest, read_entries
 from kickdrift.forces.seam.group import Grouped, ListedForce, refuse_massless
 from kickdrift.model.checks.values import path_text
-from kickdrift.text import shown
+from kickdrift.text import choices, shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
@@ -81,6 +81,11 @@ class ManyBodyForce(ListedForce, Grouped):
         if system.dimensions != 3:
             raise InputError(f"{self.name}: works in three dimensions, and the system has {system.dimensions}")
         self.named(system.species)
+        if strange := [each for each in self.elements or () if each not in system.species]:
+            raise InputError(
+                f"{self.name}: elements: no particle is of species {choices(map(repr, strange))}"
+                f"{suggestion(strange[0], system.species)} (species: {choices(system.species)})"
+            )
         if system.topology is not None and len(system.topology.scaled.pairs):
             raise InputError(f"{self.name}: acts on all particles; a topology can leave out or scale only pair forces")
         system.box.check_cutoff(self.name, self.cutoff)
@@ -98,9 +103,9 @@ class TabledForce(ManyBodyForce):
 
     The numbers of a file become the entries, so a run keeps them and needs the file no more."""
 
-    keys: ClassVar[tuple[str, ...]]
-    suffix: ClassVar[str]  # of files
+    forms: ClassVar[Mapping[str, tuple[str, ...]]]  # keys of entries by the suffix of their files, in their order
     default: ClassVar[Mapping[str, Any]]
+    default_name: ClassVar[str]
 
     entries: Mapping[str, Mapping[str, float]] | str | PathLike[str] | None
     file: str | None
@@ -116,10 +121,11 @@ class TabledForce(ManyBodyForce):
             raise InputError(f"{self.name}: give entries or a file, not both")
         given: Any = self.entries
         if self.file is not None:
-            given = read_entries(self.name, self.file, self.suffix, self.keys)
+            given = read_entries(self.name, self.file, self.forms)
         elif given is None:
             given = self.default
         object.__setattr__(self, "_source", self.file or ("entries" if self.entries is not None else "the default"))
+        object.__setattr__(self, "_form", likest(self.forms, given))
         object.__setattr__(self, "entries", checked_entries(self.name, given, self.keys))
         object.__setattr__(self, "file", None)
         for triple, numbers in self.table.items():
@@ -129,10 +135,28 @@ class TabledForce(ManyBodyForce):
         self.check_elements()
 
     @property
+    def form(self) -> str:
+        """The form of the entries, as the suffix of their files."""
+        found: str = self._form  # type: ignore[attr-defined]
+        return found
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys of an entry, in the order of files."""
+        return self.forms[self.form]
+
+    @property
     def table(self) -> Mapping[str, Mapping[str, float]]:
         """The entries."""
         assert isinstance(self.entries, Mapping)
         return self.entries
+
+    def __repr__(self) -> str:
+        """The default set by its name; else the entries."""
+        elements = "" if self.elements is None else f", elements={dict(self.elements)!r}"
+        if self.table == checked_entries(self.name, self.default, self.keys):
+            return f"{type(self).__name__}({self.default_name}{elements})"
+        return f"{type(self).__name__}(entries={dict(self.table)!r}{elements})"
 
     @property
     def known(self) -> tuple[str, ...]:

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from kickdrift.forces.lists.clusters import cluster_list
 from kickdrift.forces.lists.neighbours import neighbours_of
 from kickdrift.forces.lists.row_lanes import Wide
-from kickdrift.forces.many_body import embedded_atom_kernel as embedded_atom_kernel  # these three register laws' bodies
+from kickdrift.forces.many_body import embedded_atom_kernel as embedded_atom_kernel  # these four register laws' bodies
 from kickdrift.forces.many_body import stillinger_weber_kernel as stillinger_weber_kernel
+from kickdrift.forces.many_body import tersoff_forms_kernel as tersoff_forms_kernel
 from kickdrift.forces.many_body import tersoff_kernel as tersoff_kernel
 from kickdrift.forces.many_body.kernel import ManyBodyKernel, ManyBodyWork
 from kickdrift.jit.lanes.memory import aligned

@@ -35,7 +35,7 @@ class SiliconOf1985(NamedTuple):
 
 
 @checked_arguments
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StillingerWeber(TabledForce):
     """Stillinger and Weber's potential: pairs, and triples that prefer an angle; silicon by default.
 
@@ -62,9 +62,9 @@ class StillingerWeber(TabledForce):
 
     name: ClassVar[str] = "stillinger-weber"
     dimensions: ClassVar[dict[str, str]] = {}
-    keys: ClassVar[tuple[str, ...]] = SiliconOf1985._fields
-    suffix: ClassVar[str] = ".sw"
+    forms: ClassVar[Mapping[str, tuple[str, ...]]] = {".sw": SiliconOf1985._fields}
     default: ClassVar[Mapping[str, Any]] = {"Si-Si-Si": SiliconOf1985()._asdict()}
+    default_name: ClassVar[str] = "silicon of Stillinger & Weber 1985, doi:10.1103/PhysRevB.31.5262"
 
     def __post_init__(self) -> None:
         self._settle()

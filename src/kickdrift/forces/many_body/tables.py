@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
-from kickdrift.forces.many_body.entries import potential_file
+from kickdrift.forces.many_body.entries import number_of, potential_file
 from kickdrift.model.units.elements import SYMBOLS
 from kickdrift.text import shown
 
@@ -109,15 +109,11 @@ def _words(line: str) -> list[str]:
     return line.split("#")[0].split()
 
 
-def _number(word: str) -> float:
-    return float(word.replace("D", "E").replace("d", "e"))  # also as Fortran writes it
-
-
 def _row(lines: Iterator[str], count: int) -> NDArray[np.float64]:
     """The next numbers, over as many lines as they take; what else stands in the last of these lines is left out."""
     found: list[float] = []
     while len(found) < count:
-        found += map(_number, _words(next(lines)))
+        found += map(number_of, _words(next(lines)))
     return np.array(found[:count])
 
 
@@ -129,7 +125,13 @@ def _sizes(line: str, most: int, more: int = 0) -> tuple[int, float, int, float,
         raise ValueError(f"expected numbers of points, got {points[0]} and {points[1]}")
     if max(points) > most:
         raise ValueError(f"the header says {points[0]} and {points[1]} points, more than a file of this size can hold")
-    return points[0], _number(words[1]), points[1], _number(words[3]), [_number(word) for word in words[4 : 5 + more]]
+    return (
+        points[0],
+        number_of(words[1]),
+        points[1],
+        number_of(words[3]),
+        [number_of(word) for word in words[4 : 5 + more]],
+    )
 
 
 def _read_funcfl(lines: Iterator[str], most: int) -> Tables:

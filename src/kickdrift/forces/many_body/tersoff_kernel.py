@@ -4,6 +4,7 @@ particle, or one bond and one other neighbour."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,6 +30,8 @@ from kickdrift.jit.duals.lanes import (
     store,
     value_of,
 )
+from kickdrift.jit.handle import Handle
+from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.functions import splat
 from kickdrift.jit.lanes.masks import any_lane
 from kickdrift.jit.lanes.memory import aligned
@@ -63,6 +66,51 @@ class TersoffLaw(NamedTuple):
             others=aligned((chunks, room * OTHER), None, kind),
             forces=aligned((chunks, ROW * slots)),
         )
+
+
+class Form(NamedTuple):
+    """Compiled parts in which the forms of Tersoff's potential differ. ``row`` is of the table of triples or pairs."""
+
+    end: Callable[..., Any]  # (r, middle, half): the cutoff function and its slope
+    angle: Callable[..., Any]  # (law, row, cosine): the factor of an angle and its slope by the cosine
+    weakening: Callable[..., Any]  # (law, row, n): delta and n / delta, where b = (1 + (beta zeta)^n)^(-1 / 2 delta)
+    bond: Callable[..., Any]  # (law, row, r, fc, slope): see `bond_of`
+
+
+FORMS: dict[type, Form] = {}
+
+
+def form_of(law: Any) -> Form:
+    """The form of a law's type."""
+    return FORMS[(law.kind if isinstance(law, Handle) else law).instance_class]
+
+
+@by_type
+def end_of(law, r, middle, half):
+    """Return a bond's cutoff function and its slope."""
+    end = form_of(law).end
+    return lambda law, r, middle, half: end(r, middle, half)
+
+
+@by_type
+def angle_of(law, row, cosine):
+    """Return the factor of an angle and its slope by the cosine."""
+    angle = form_of(law).angle
+    return lambda law, row, cosine: angle(law, row, cosine)
+
+
+@by_type
+def weakening_of(law, row, n):
+    """Return delta of a bond, and n / delta."""
+    weakening = form_of(law).weakening
+    return lambda law, row, n: weakening(law, row, n)
+
+
+@by_type
+def bond_of(law, row, r, fc, slope_fc):
+    """Return the factor of the pair's terms and its slope, and more energy of the pair with its slope."""
+    bond = form_of(law).bond
+    return lambda law, row, r, fc, slope_fc: bond(law, row, r, fc, slope_fc)
 
 
 @law_body(TersoffLaw, ("by_pair", "by_triple"))
@@ -123,7 +171,7 @@ def find_bonds(force, bonds, places, count, most):
         inverse = inverse_sqrt(r2)
         r = r2 * inverse
         _, _, middle, half = row_numbers(table, kind + own * float(force.law.species), 4)
-        fc, slope = smooth_end(r, middle, half)
+        fc, slope = end_of(force.law, r, middle, half)
         at = j * BOND
         store(bonds, at + NX, in_precision_of(table, -dx) * inverse)
         store(bonds, at + NY, in_precision_of(table, -dy) * inverse)
@@ -153,6 +201,31 @@ def smooth_end(r, middle, half):
 
 
 @as_written
+def angle_of_1988(law, row, cosine):
+    """See `Form`."""
+    gamma, c2, d2, cos_theta0 = row_numbers(law.by_triple, row, 0)
+    away = cos_theta0 - cosine
+    share = 1.0 / (d2 + away * away)
+    angle = gamma * (1.0 + c2 / d2 * away * away * share)  # without the difference of two large numbers
+    return angle, -2.0 * gamma * c2 * away * share * share
+
+
+@as_written
+def weakening_of_1988(law, row, n):
+    """See `Form`."""
+    return n, 1.0
+
+
+@as_written
+def bond_of_1988(law, row, r, fc, slope_fc):
+    """See `Form`."""
+    return fc, slope_fc, 0.0, 0.0
+
+
+FORMS[TersoffLaw] = Form(smooth_end, angle_of_1988, weakening_of_1988, bond_of_1988)
+
+
+@as_written
 def sum_others(law, own, bonds, others, j, most):
     """Return zeta of the bond j, summed over the other neighbours, and keep the terms with their slopes."""
     species, to = float(law.species), j * BOND
@@ -165,16 +238,12 @@ def sum_others(law, own, bonds, others, j, most):
         at, keep = k * BOND, k * OTHER
         kx, ky, kz = load(bonds, at + NX), load(bonds, at + NY), load(bonds, at + NZ)
         row = (own * species + bonded) * species + value_of(load(bonds, at + KIND))
-        gamma, c2, d2, cos_theta0 = row_numbers(law.by_triple, row, 0)
         cosine = kx * nx + ky * ny + kz * nz
-        away = cos_theta0 - cosine
-        share = 1.0 / (d2 + away * away)
-        angle = gamma * (1.0 + c2 / d2 * away * away * share)  # without the difference of two large numbers
-        slope_angle = -2.0 * gamma * c2 * away * share * share
+        angle, slope_angle = angle_of(law, row, cosine)
         fc, slope_fc = load(bonds, at + FC), load(bonds, at + SLOPE_FC)
         if law.ends:
             _, _, middle, half = row_numbers(law.by_triple, row, 4)
-            fc, slope_fc = smooth_end(load(bonds, at + R), middle, half)
+            fc, slope_fc = end_of(law, load(bonds, at + R), middle, half)
         if law.stretched:
             lambda3, power, _, _ = row_numbers(law.by_triple, row, 4)
             stretch = lambda3 * (r - load(bonds, at + R))
@@ -202,17 +271,19 @@ def share_forces(law, own, bonds, others, j, most, zeta):
     big, lambda1, small, lambda2 = row_numbers(law.by_pair, row, 0)
     beta, n, _, _ = row_numbers(law.by_pair, row, 4)
     least, _, _, _ = row_numbers(law.by_pair, row, 8)
-    r, fc, slope_fc = load(bonds, to + R), load(bonds, to + FC), load(bonds, to + SLOPE_FC)
+    r = load(bonds, to + R)
+    delta, ratio = weakening_of(law, row, n)
+    fc, slope_fc, more, slope_more = bond_of(law, row, r, load(bonds, to + FC), load(bonds, to + SLOPE_FC))
     repulsion, attraction = big * lane_exp(-lambda1 * r), -small * lane_exp(-lambda2 * r)
     x = beta * zeta
     tied = ~(x < least)  # else zeta is too little to change the bond
     grown = n * lane_log(select(tied, x, 1.0))
     power = lane_exp(select(~(grown > 80.0), grown, 80.0))
     log_sum = select(grown > 40.0, grown, lane_log(1.0 + power))
-    order = select(tied, lane_exp(-0.5 / n * log_sum), 1.0)
-    slope_order = select(tied, -0.5 * order * (power / (1.0 + power)) / select(tied, zeta, 1.0), 0.0)
+    order = select(tied, lane_exp(-0.5 / delta * log_sum), 1.0)
+    slope_order = select(tied, -0.5 * ratio * order * (power / (1.0 + power)) / select(tied, zeta, 1.0), 0.0)
     both = repulsion + order * attraction
-    outward = 0.5 * (slope_fc * both - fc * (lambda1 * repulsion + lambda2 * order * attraction))
+    outward = 0.5 * (slope_fc * both - fc * (lambda1 * repulsion + lambda2 * order * attraction) + slope_more)
     w = 0.5 * fc * attraction * slope_order
     nx, ny, nz = load(bonds, to + NX), load(bonds, to + NY), load(bonds, to + NZ)
     inverse = w * load(bonds, to + INVERSE)
@@ -233,4 +304,4 @@ def share_forces(law, own, bonds, others, j, most, zeta):
     store(bonds, to + GX, load(bonds, to + GX) + (outward * nx + inverse * ax))
     store(bonds, to + GY, load(bonds, to + GY) + (outward * ny + inverse * ay))
     store(bonds, to + GZ, load(bonds, to + GZ) + (outward * nz + inverse * az))
-    return 0.5 * fc * both
+    return 0.5 * (fc * both + more)

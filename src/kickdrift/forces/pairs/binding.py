@@ -60,7 +60,7 @@ def law_class(force: PairPotential) -> Any:
     """Class of a force's parameters, prepared for compiled code."""
     cls = force.Parameters
     if "compiled_law" not in vars(cls):
-        cls.compiled_law = as_written(cls.law)
+        cls.compiled_law = cls.own_code() if hasattr(cls, "own_code") else as_written(cls.law)
     return cls
 
 

@@ -19,7 +19,7 @@ from kickdrift.forces.laws.law import Form, check_law, check_slope, force_of_law
 from kickdrift.forces.pairs.ends import WITH_TAIL, End, checked_end, either, mixed_end, own_end
 from kickdrift.forces.seam.group import Grouped, ListedForce, brief, refuse_massless
 from kickdrift.model.checks.values import number
-from kickdrift.text import shown
+from kickdrift.text import choices, shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
@@ -37,7 +37,7 @@ class PairForce(ListedForce, Grouped):
     ----------
     cutoff : float
         Pairs further apart do not interact; default 2.5 times the largest ``sigma``. Where pairs have cutoffs of their
-        own, this is the largest.
+        own, this is the largest of them. Each name in ``species`` and ``pairs`` is a species of the particles.
     truncation : "cut", "shift" (of the energy), "force-shift", "switch" (four times continuously differentiable) or
         "potential-switch" (twice; the switch of OpenMM, and GROMACS' of that name)
     switch_start : float, optional
@@ -62,12 +62,13 @@ class PairForce(ListedForce, Grouped):
     mixing: str = "lorentz-berthelot"
 
     Parameters: ClassVar[Any]  # the law's NamedTuple class
+    law_keys: ClassVar[tuple[str, ...]]  # what a table of ``species`` or ``pairs`` may say of the law
     name: ClassVar[str]
     on_sites: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]]
 
     def __post_init__(self) -> None:
-        for key in (*self.Parameters._fields, "cutoff", "switch_start"):
+        for key in (*self.law_keys, "cutoff", "switch_start"):
             if isinstance(value := getattr(self, key), np.generic | np.ndarray) and np.ndim(value) == 0:
                 object.__setattr__(self, key, value.item())  # a float32 would limit the precision of the law
         if self.mixing != "lorentz-berthelot":
@@ -76,6 +77,8 @@ class PairForce(ListedForce, Grouped):
             raise InputError(f"{self.name}: tail must be True or False, got {shown(self.tail)}")
         self._check_tables()
         for where, law in self._laws_given():
+            if problem := getattr(law, "problem", ""):
+                raise InputError(f"{self.name}{where}: {problem}")
             for key, value in law._asdict().items():
                 if not math.isfinite(number(value)) or (self.dimensions.get(key) == "length" and value <= 0):
                     kind = "positive" if self.dimensions.get(key) == "length" else "finite"
@@ -99,9 +102,12 @@ class PairForce(ListedForce, Grouped):
                 raise InputError(
                     f'{self.name}: tail = true completes truncation {either(WITH_TAIL)}, not "{own.truncation}"{at}'
                 )
-            law = self._filled(where, given)
-            check_law(f"{self.name}{where}", law, own.cutoff)
-            check_slope(f"{self.name}{where}", law, own.cutoff)
+            self._check_given(where, self._filled(where, given), own)
+
+    def _check_given(self, where: str, law: Any, end: End) -> None:
+        """Refuse a law that has no value at its cutoff, or whose force is not the slope of its energy."""
+        check_law(f"{self.name}{where}", law, end.cutoff)
+        check_slope(f"{self.name}{where}", law, end.cutoff)
 
     def __str__(self) -> str:
         return brief(self, "species")
@@ -129,6 +135,35 @@ class PairForce(ListedForce, Grouped):
         """Parameters of the law for one species."""
         return self.Parameters(*(getattr(self, key) for key in self.Parameters._fields))
 
+    @property
+    def _is_default(self) -> bool:
+        """Whether the force has parameters of its own for all pairs, and all of them are the defaults."""
+        return not self._tables_given()[0][0] and bool(self.law._asdict() == self.Parameters._field_defaults)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Species that ``species`` and ``pairs`` name."""
+        return tuple(dict.fromkeys([*(self.species or ()), *(name for pair in self.pairs or () for name in pair)]))
+
+    def among(self, species: Sequence[str]) -> PairForce:
+        """This force without the parameters of other species, which change nothing."""
+        if set(self.names) <= set(species):
+            return self
+        kept = {name: each for name, each in (self.species or {}).items() if name in species}
+        pairs = {pair: each for pair, each in (self.pairs or {}).items() if set(pair) <= set(species)}
+        return dataclasses.replace(self, species=kept or None, pairs=pairs or None)
+
+    def unset(self, system: Subject) -> list[str]:
+        """Pairs of species without parameters of their own, where only pairs are named and the rest is default."""
+        if not self.pairs or self.species or not self._is_default:
+            return []
+        every = combinations_with_replacement(system.species, 2)
+        return [f"{a}-{b}" for a, b in every if self._given(a, b) is None]
+
+    def law_with(self, where: str, values: Mapping[str, Any]) -> Any:
+        """Parameters of the law with these values in place of the force's own; ``where`` says whose they are."""
+        return self.law._replace(**values)
+
     def _check_tables(self) -> None:
         """Refuse ``species`` and ``pairs`` that are not tables of tables."""
         for key, given in (("species", self.species), ("pairs", self.pairs)):
@@ -154,25 +189,30 @@ class PairForce(ListedForce, Grouped):
         return [(where, self._filled(where, given)) for where, given in self._tables_given()]
 
     def _filled(self, where: str, values: Mapping[str, Any]) -> Any:
-        known = (*self.Parameters._fields, *End._fields)
+        known = (*self.law_keys, *End._fields)
         if unknown := set(values) - set(known):
             raise InputError(
                 f"{self.name}: {where.removeprefix(' of ')}: unknown parameter {shown(min(map(str, unknown)))}; "
                 f"expected {', '.join(known)}"
             )
-        return self.law._replace(**{key: value for key, value in values.items() if key not in End._fields})
+        return self.law_with(where, {key: value for key, value in values.items() if key not in End._fields})
 
     def _largest_cutoff(self) -> float:
         """The largest of the cutoffs that species and pairs have, and of the reaches of the others' laws: 2.5 sigma,
-        unless the law says another."""
-        found = []
-        for where, given in self._tables_given():
+        unless the law says another. The force's own default parameters do not count where all named pairs have
+        cutoffs."""
+        found, tables = [], self._tables_given()
+        if not tables[0][0] and self.pairs:
+            own, *tables = tables
+            if not (self._is_default and all("cutoff" in each for _, each in tables)):
+                tables.append(own)  # last, so that a pair without a cutoff is named first
+        for where, given in tables:
             law = self._filled(where, given)
             reach = getattr(law, "reach", DEFAULT_CUTOFF * getattr(law, "sigma", 0.0))
             if "cutoff" in given or reach:
                 found.append(given.get("cutoff", reach))
             else:
-                raise InputError(f"{self.name}: cutoff is needed")
+                raise InputError(f"{self.name}: cutoff{where} is needed")
         return max(found, key=number)
 
     def _given(self, a: str, b: str) -> Mapping[str, Any] | None:
@@ -236,6 +276,11 @@ class PairForce(ListedForce, Grouped):
     def check(self, system: Subject) -> None:
         """Refuse a system that this force does not support."""
         assert self.cutoff is not None
+        if strange := [name for name in self.names if name not in system.species]:
+            raise InputError(
+                f"{self.name}: no particle is of species {choices(map(repr, strange))}"
+                f"{suggestion(strange[0], system.species)} (species: {choices(system.species)})"
+            )
         system.box.check_cutoff(self.name, self.cutoff)
         if self.tail and not math.isfinite(system.volume):
             raise InputError(f"{self.name}: tail corrections need a periodic box")
@@ -320,6 +365,7 @@ def pair_law(cls: type) -> Any:
     Raises
     ------
     InputError
-        If the code of the law shows that the law keeps state, or if the name belongs to a force that ships.
+        If the code of the law shows that the law keeps state, or if the name belongs to a force that ships. The laws
+        by name, such as ``Mie`` and ``Yukawa``, give way: your law of that name stands for it in this process.
     """
     return force_of_law(cls, PairForce, PAIR_LAW, {}, {"cutoff": "length", "switch_start": "length"})

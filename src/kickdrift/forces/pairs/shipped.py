@@ -1,7 +1,8 @@
 """Pair laws that ship beside Lennard-Jones, each one formula. Parameters are those of LAMMPS' styles of the same name.
 
 A law's ``reach`` is its default cutoff: a number, or a property of its parameters; 0 where no cutoff is natural.
-Parameters in ``shared`` are the same for two species that mix.
+Parameters in ``shared`` are the same for two species that mix. Users had laws of these names before kickdrift did, so
+a user's law of such a name stands for it; see `register_force`.
 """
 
 from __future__ import annotations
@@ -106,6 +107,11 @@ class Mie(NamedTuple):
 
     dimensions = {"epsilon": "energy", "sigma": "length"}  # type: ignore[misc]  # noqa: RUF012
     shared = ("n", "m")  # type: ignore[misc]
+
+    @property
+    def problem(p):
+        good = p.n > 0.0 and p.m > 0.0 and p.n != p.m
+        return "" if good else f"n and m must be two different positive powers, got n = {p.n:g} and m = {p.m:g}"
 
     def law(p, r2):
         c = p.epsilon * p.n / (p.n - p.m) * (p.n / p.m) ** (p.m / (p.n - p.m))

@@ -141,6 +141,7 @@ class ListedForce:
 
     name: ClassVar[str]
     thermal: ClassVar[bool] = True  # particles act on each other, so that samples have a temperature
+    has_pairs: ClassVar[bool] = True  # ``bind`` takes the precision of pairs
 
     def half_height(self, system: Subject) -> float:
         """See Grouped: the cutoff."""

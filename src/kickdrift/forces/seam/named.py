@@ -150,6 +150,7 @@ def found(key: str, path: Any, fits: Callable[[Any], bool]) -> Any:
 
 Class = TypeVar("Class", bound=type)
 FORCES: dict[str, Any] = {}  # by name
+GIVES_WAY = "kickdrift.forces.pairs.shipped"  # its names are free for users
 REGISTERED: dict[tuple[str, str], type] = {}  # the user's classes, by module and qualified name
 
 
@@ -173,7 +174,8 @@ def register_force(cls: Any = None, *, overwrite: bool = False) -> Any:
     ------
     InputError
         If this is not a class of forces, or not a dataclass or NamedTuple, whose fields a file stores. If the name
-        belongs to another force.
+        belongs to another force. Names of shipped pair laws besides Lennard-Jones are free: your class stands for the
+        name in this process.
     """
     if cls is None:
         return lambda cls: register_force(cls, overwrite=overwrite)
@@ -191,13 +193,14 @@ def register_force(cls: Any = None, *, overwrite: bool = False) -> Any:
 
 
 def _name(cls: Any, overwrite: bool) -> None:
-    """Register the class's name for system files."""
+    """Register the class's name for system files. Pair laws that ship by name give way to a user's law, because users
+    had laws of these names before."""
     name = cls.name
     if not (isinstance(name, str) and name and name == name.strip()):
         raise InputError(f"register_force: a force's name must be a word, got {shown(name)}")
     known = FORCES.get(name)
     if known is not None and _where(known) != _where(cls):
-        own = known.__module__.startswith("kickdrift.")
+        own = known.__module__.startswith("kickdrift.") and known.__module__ != GIVES_WAY
         if own or not overwrite:
             hint = "" if own else "; overwrite=True replaces it"
             raise InputError(f"force {name!r} exists already: {known.__qualname__} of {known.__module__}{hint}")

@@ -63,8 +63,10 @@ class PairPush(ListedForce):
     differs: ClassVar[bool] = False
 
     def __init__(self, force: PairForce, key: str, system: System, column: int, size: float) -> None:
-        if key not in force.Parameters._fields:
-            known = ", ".join(force.Parameters._fields)
+        known = ", ".join(force.Parameters._fields if force.law_keys == force.Parameters._fields else ())
+        if key not in known.split(", "):
+            if not known:
+                raise InputError(f"parameters: {force.name}.{key}: a table has no parameters to differentiate by")
             raise InputError(f"parameters: {force.name}.{key}: has no derivative; expected {known}")
         self.name, self._given = force.name, (force, key, system)  # type: ignore[misc]
         self._column, self._size = column, size

@@ -42,6 +42,7 @@ class Exact(Method):
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity.direct import Gravity
         from kickdrift.forces.pairs.law import PairForce
+        from kickdrift.forces.pairs.tabulated import Tabulated
         from kickdrift.model.system import System
 
         system: Any = flow.subject
@@ -50,6 +51,10 @@ class Exact(Method):
         for force in system.forces:
             if not isinstance(force, (PairForce, Gravity)):
                 raise InputError(f"{self.name}: takes only pair forces and gravity; force {force.name!r} is neither")
+            if isinstance(force, Tabulated):
+                raise InputError(
+                    f"{self.name}: takes only pair forces and gravity with a formula; force {force.name!r} is a table"
+                )
         from kickdrift.integrators.exact.stepper import ExactStepper
 
         return ExactStepper(flow, options)

@@ -106,14 +106,22 @@ def lanes_in(array: types.Type) -> types.Type:
     return half_single_type if array.dtype == types.float32 else lanes_type
 
 
-def _rows_transposed(builder: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Value]:
-    """Four vectors of eight lanes from eight rows of four numbers."""
-    shuffled = partial(shuffle, builder)
-    both = [shuffled(rows[k], rows[k + 4], list(range(WIDTH))) for k in range(4)]
-    even, other_even = shuffled(both[0], both[1], LOW), shuffled(both[2], both[3], LOW)
-    odd, other_odd = shuffled(both[0], both[1], HIGH), shuffled(both[2], both[3], HIGH)
+def transposed_fours(builder: ir.IRBuilder, rows: list[ir.Value]) -> list[ir.Value]:
+    """Emit four vectors, whose lane k has the numbers of row k, from eight or four rows of four numbers."""
+    count = len(rows)
+
+    def shuffled(a: ir.Value, b: ir.Value, order: list[int]) -> ir.Value:
+        return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(I32, count), order))
+
+    half = count // 2
+    both = rows if count == ROW else [shuffled(rows[k], rows[k + half], list(range(WIDTH))) for k in range(half)]
+    low, high, first, last = (
+        (LOW, HIGH, FIRST, LAST) if count == WIDTH else ([0, 4, 2, 6], [1, 5, 3, 7], [0, 1, 4, 5], [2, 3, 6, 7])
+    )
+    even, other_even = shuffled(both[0], both[1], low), shuffled(both[2], both[3], low)
+    odd, other_odd = shuffled(both[0], both[1], high), shuffled(both[2], both[3], high)
     halves = (even, other_even), (odd, other_odd)
-    return [shuffled(a, b, order) for order in (FIRST, LAST) for a, b in halves]
+    return [shuffled(a, b, order) for order in (first, last) for a, b in halves]
 
 
 def gathered(builder: ir.IRBuilder, data: ir.Value, starts: list[ir.Value]) -> list[ir.Value]:
@@ -123,7 +131,7 @@ def gathered(builder: ir.IRBuilder, data: ir.Value, starts: list[ir.Value]) -> l
         row = builder.load(builder.bitcast(builder.gep(data, [start]), kind.as_pointer()))
         row.align = bytes_of(kind.element)
         rows.append(row)
-    return _rows_transposed(builder, rows)
+    return transposed_fours(builder, rows)
 
 
 def places_in(context: Any, builder: Any, kind: types.Type, places: Any, first: ir.Value) -> list[ir.Value]:

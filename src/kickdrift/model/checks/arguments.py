@@ -17,7 +17,7 @@ PRESSURE = "methods with a heat bath take pressure and barostat: c-rescale, mtk 
 MINIMISATION = "energy minimisation is no run: kickdrift relax SYSTEM, or Simulation.minimize"
 CONSTRAINTS = "for constraints give [[constraint]] or kd.Constraint, see docs/rigid-water.md"
 SALTS = "did you mean 'rock-salt' or 'molten-salt'?"
-WATER = "did you mean 'water-512' or 'water-flexible'?"
+WATER = "did you mean 'water-1000' or 'water-flexible'?"
 MANY_BODY = (
     "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any "
     "calculator of ASE"
@@ -100,7 +100,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ),
         ("eam/alloy eam/fs embedded-atom setfl finnis-sinclair", "{word} is 'eam' here"),
         ("sw stillinger", "{word} is 'stillinger-weber' here"),
-        ("tersoff/mod tersoff/zbl", "{word} is not there; 'tersoff' is Tersoff's form of 1988"),
+        ("tersoff/mod tersoff/mod/c tersoff/zbl", "{word} is 'tersoff' here, with entries or a file of that form"),
         ("angle angles", "did you mean 'harmonic-angle' or 'cosine-angle'?"),
         (
             "dihedral dihedrals torsion proper",

@@ -145,17 +145,17 @@ class Report(ShownReport):
     @cached_property
     def temperature_error(self) -> float | None:
         """Standard error of the mean temperature; None if it is undefined or the run is too short."""
-        return self._error(self.about.series.temperatures)
+        return self.error_of(self.about.series.temperatures)
 
     @cached_property
     def pressure_error(self) -> float | None:
         """Standard error of the mean pressure; None if it is undefined or the run is too short."""
-        return self._error(self.about.series.pressures)
+        return self.error_of(self.about.series.pressures)
 
     @cached_property
     def volume_error(self) -> float | None:
         """Standard error of the mean volume; None without a barostat or if the run is too short."""
-        return self._error(self.about.series.volumes)
+        return self.error_of(self.about.series.volumes)
 
     @property
     def temperature_verdict(self) -> str | None:
@@ -189,7 +189,8 @@ class Report(ShownReport):
             return None
         return f"the start of a ramp to {measured(f'{end:g}', units.symbol(name))}"
 
-    def _error(self, values: Floats | None) -> float | None:
+    def error_of(self, values: Floats | None) -> float | None:
+        """Standard error of the mean over samples (k,); None if they are undefined or the run is too short."""
         if values is None:
             return None
         if self.about.even:

@@ -1,6 +1,5 @@
 """Words of a report: warnings of a System, its drift and its melting, and means beside what was asked."""
 
-from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.report.charges import charge_warnings, slab_warning
-from kickdrift.text import choices, measured, suggestion
+from kickdrift.text import choices, measured
 
 AGREES = 3.0  # standard errors
 DIFFERS = "differs"
@@ -184,30 +183,21 @@ def ends_badly(system: Any, state: Any) -> list[str]:
 
 def _pairs_left_out(force: PairForce, system: System) -> str:
     """Return a warning of a force that names pairs of species, and has its default parameters for all others."""
-    if not force.pairs or force.species or force.law._asdict() != force.Parameters._field_defaults:
-        return ""
-    names = system.species
-    rest = [f"{a}-{b}" for a, b in combinations_with_replacement(names, 2) if not {(a, b), (b, a)} & set(force.pairs)]
-    if not rest:
+    if not (rest := force.unset(system)):
         return ""
     values = " and ".join(f"{key} = {value:g}" for key, value in force.law._asdict().items())
     return f"{force.name}: pairs {choices(rest)} have {values}, the default, because only other pairs are named"
 
 
 def unused_warnings(system: Any) -> list[str]:
-    """Return warnings of what a System gives and nothing uses: parameters of species that no particle has, and factors
-    without a pair force; and of pairs of species whose parameters nobody gave, and of particles without any force."""
+    """Return warnings of factors that a System gives without a pair force, and of pairs of species whose parameters
+    nobody gave, and of particles without any force."""
     if not isinstance(system, System):
         return []
     if not system.forces and len(system) > 1:
         return ["no force acts; give force_field (--force-field) for a .pdb or .cif, or forces in a system file"]
-    found, pairs = [], [force for force in system.forces if isinstance(force, PairForce)]
-    for force in pairs:
-        named = [*(force.species or ()), *(name for pair in force.pairs or () for name in pair)]
-        if strange := [name for name in dict.fromkeys(named) if name not in system.species]:
-            near = suggestion(strange[0], system.species) if len(strange) == 1 else ""
-            found.append(f"{force.name}: no particle is of species {choices(map(repr, strange))}{near}")
-    found += [told for force in pairs if (told := _pairs_left_out(force, system))]
+    pairs = [force for force in system.forces if isinstance(force, PairForce)]
+    found = [told for force in pairs if (told := _pairs_left_out(force, system))]
     topology = system.topology
     charged = any(isinstance(force, Coulomb) for force in system.forces)
     if topology is not None and not pairs and not charged and system.forces and len(topology.scaled.pairs):

@@ -14,6 +14,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.forces import home
 from kickdrift.forces.external.calculator import OBJECT
+from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.seam.named import path_of
 from kickdrift.integrators.options import OPTIONS
 from kickdrift.model.changing import empty_rows, with_empty_rows
@@ -148,7 +149,7 @@ def system_of(
             start[1].T,
             run.masses[:n],
             run.box if frame is None else run[frame].box,
-            [force_of(given) for given in record.forces] if forces is None else forces,
+            [_acting(force_of(given), run) for given in record.forces] if forces is None else forces,
             run.units,
             [run.species[k] for k in run.species_index[:n]],
             record.name,
@@ -179,6 +180,11 @@ def system_of(
         )
     phase = np.array([shown.positions[:n].T, shown.velocities[:n].T])
     return system.anew(State(phase, system.state.masses, run.ids[:n], shown.box, shown.time))
+
+
+def _acting(force: Any, run: RunFile) -> Any:
+    """A force without species that no particle has. Version 0.2.0 wrote such names, with a warning."""
+    return force.among(run.species) if isinstance(force, PairForce) else force
 
 
 def _changed(event: Mapping[str, Any]) -> bool:
