@@ -219,8 +219,8 @@ def with_files(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def wrapped(**given: Any) -> None:
-        files = {name: given.pop(name) or None for name in _FILE_FLAGS}
-        command(**given, files=files)
+        files = {name: given.pop(name) for name in _FILE_FLAGS}
+        command(**given, files=files | {"force_field": files["force_field"] or None})
 
     parameters: list[inspect.Parameter] = []
     for each in inspect.signature(command, eval_str=True).parameters.values():

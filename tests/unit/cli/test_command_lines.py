@@ -296,7 +296,7 @@ def test_ctrl_c_in_a_callback_comes_again():
 
 
 def test_a_bug_is_one_line_and_can_be_found(kickdrift, monkeypatch):
-    def broken(*_):
+    def broken(*_, **files):
         raise ValueError("two\nlines\x1b")
 
     monkeypatch.setattr("kickdrift.load", broken)
@@ -309,7 +309,7 @@ def test_a_bug_is_one_line_and_can_be_found(kickdrift, monkeypatch):
 
 
 def test_no_memory_is_one_line(kickdrift, monkeypatch):
-    def greedy(*_):
+    def greedy(*_, **files):
         raise MemoryError
 
     monkeypatch.setattr("kickdrift.load", greedy)

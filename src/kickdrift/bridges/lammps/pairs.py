@@ -320,11 +320,8 @@ def _found(folder: Path, words: Sequence[str]) -> Iterator[str]:
     """The words of a line, in which files beside the input have their whole path, unless that is more than a word."""
     for word in words:
         path = str((folder / word).resolve())
-        yield (
-            path
-            if folder != Path.cwd() and (folder / word).is_file() and PLAIN_TEXT.issuperset(path.replace(" ", "'"))
-            else word
-        )
+        whole = folder != Path.cwd() and (folder / word).is_file() and (PLAIN_TEXT - {" "}).issuperset(path)
+        yield path if whole else word
 
 
 def _data_rows(read: Read) -> Iterator[list[str]]:
