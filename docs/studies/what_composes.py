@@ -44,6 +44,7 @@ REASONS = {  # words by the text of a refusal
     r"depends on velocity": "the force depends on velocity",
     r"out of the system's two dimensions": "it pushes out of planes",
     r"needs one force 'hill'": "Hill's frame alone",
+    r"needs one event 'collision'": "hard spheres alone",
     r"needs one force 'gravity'": "gravity alone",
     r"needs the time derivative": "the force has no time derivative",
     r"takes only pair forces and gravity": "pairs and gravity alone",

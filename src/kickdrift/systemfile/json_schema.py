@@ -132,7 +132,7 @@ def json_schema() -> Json:
         **{key: _reference(key) for key in ("run", "equilibrate", "topology")},
     )
     parameters = {"properties": {"particles": {"required": ["coordinates"]}}}  # a file of a force field has its forces
-    system["anyOf"] = [{"required": ["force"]}, {"required": ["force_field"]}, parameters]
+    system["anyOf"] = [*({"required": [key]} for key in ("force", "force_field", "event")), parameters]
     ode = _table(schema.OdeFileTable, "system", ode=_reference("ode"), run=_reference("ode-run"))
     quantities: dict[str, Json] = {}
     tables = _shared({"particle-system": system, "ode-system": ode, **tables}, quantities)

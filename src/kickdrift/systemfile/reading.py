@@ -218,7 +218,7 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
     frame = frame_system(table, units, path.parent)
     if frame is None and (frame := told_system(table, units, path.parent)) is not None:
         forces += frame.forces
-    elif table.force is None:
+    elif table.force is None and not table.event:
         raise InputError("force: required key is missing")
     start = _start(table, units, path.parent, G_given(forces, units), seed, frame)
     velocities = start.velocities

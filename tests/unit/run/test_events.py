@@ -720,3 +720,19 @@ def test_a_problem_takes_crossings_of_y_alone():
     for event in (kd.Collision(1.0), kd.Crossing.pericentre(0, 1)):
         with pytest.raises(InputError, match="needs particles; for a Problem use a Crossing with a function of y"):
             kd.Simulation(problem, events=[event])
+
+
+def test_a_crossing_shows_the_state_at_each_zero():
+    """A Problem and a System: g is zero there, and the states are those of the run."""
+    seen: list = []
+    rising = kd.Crossing(lambda t, y: y[0], "zero", 1, seen=lambda t, y: seen.append((t, *y)))
+    spring = kd.Problem(lambda t, y: [y[1], -y[0]], [0.0, -1.0], name="spring")
+    kd.Simulation(spring, "dormand-prince45", rtol=1e-10, atol=1e-10, events=[rising]).run(until=10.0)
+    np.testing.assert_allclose(seen, [(np.pi, 0.0, 1.0), (3.0 * np.pi, 0.0, 1.0)], atol=1e-7)
+    kept: list = []
+    event = kd.Crossing(lambda t, x, v: x[0, 0], "plane", seen=lambda t, x, v: kept.append((t, x, v)))
+    kd.Simulation(kd.System([[1.0, 2, 3]], [[-1.0, 0, 0.5]], events=[event]), "velocity-verlet", 0.3).run(5)
+    ((t, x, v),) = kept
+    np.testing.assert_allclose((t, *x[0], *v[0]), (1.0, 0, 2, 3.5, -1, 0, 0.5), atol=1e-12)
+    with pytest.raises(InputError, match="seen must be callable"):
+        kd.Crossing(lambda t, y: y[0], "zero", seen=3)

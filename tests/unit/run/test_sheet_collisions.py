@@ -9,7 +9,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.patch import Patch
-from kickdrift.run.watch.patch_contacts import PatchContacts
+from kickdrift.run.watch.patch_contacts import ImageContacts
 from kickdrift.run.watch.span import Part
 from kickdrift.systemfile.reading import loads
 
@@ -64,7 +64,7 @@ def test_contacts_are_those_of_all_images(seed):
     y1 = y0.copy()
     y1[0] += h * y0[1]  # straight ways
     system = patch(y0[0].T, y0[1].T, radii=0.25)
-    found = PatchContacts(system.events[0], system)
+    found = ImageContacts(system.events[0], system)
     count = found.scan([Part(y0, begin, y1, begin + h)], 0)
     rows = found._rows[:count, 0].astype(int)
     seen = {tuple(pair) for pair in found._pairs[:, rows].T.tolist()}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -74,7 +74,7 @@ def radial_velocities(
         If the run blows up.
     """
     sight = unit_vector("direction", direction)
-    units, _, v = _seen(given, times, body, None, sight, light_time, integrator, dt, options)
+    units, _, v = _seen(given, times, View(body, None, sight, light_time), integrator, {"dt": dt, **options})
     return -(v @ sight) * metres_a_second(units)
 
 
@@ -95,17 +95,17 @@ def sky_offsets(
     """Offsets (k, 2) of a body on the sky at given times, to the north and to the east.
 
     ``north`` is a direction, of which the part in the plane of the sky counts; default x, so that y is east for an
-    observer along +z. The offset is from the body ``about``, by default from the barycentre. With a ``distance`` of the
-    system, the offsets are in arcseconds, else in the system's unit of length. Light takes the way from ``body``; the
-    body ``about`` is seen at the same time of departure. The other parameters and the errors are those of
-    ``radial_velocities``.
+    observer along +z. The offset is from the body ``about``, by default from the barycentre. With a ``distance`` from
+    the observer to the system, a number or a text such as "10 pc", the offsets are in arcseconds, else in the system's
+    unit of length. Light takes the way from ``body``; the body ``about`` is seen at the same time of departure. The
+    other parameters and the errors are those of ``radial_velocities``.
     """
     sight, up = unit_vector("direction", direction), unit_vector("north", north)
     up = up - (up @ sight) * sight
     if np.linalg.norm(up) < 1e-9:
         raise InputError("north: points at the observer; expected another direction than direction")
     up = up / np.linalg.norm(up)
-    units, x, _ = _seen(given, times, body, about, sight, light_time, integrator, dt, options)
+    units, x, _ = _seen(given, times, View(body, about, sight, light_time), integrator, {"dt": dt, **options})
     offsets = x @ np.array([up, np.cross(sight, up)]).T
     if distance is None:
         return offsets
@@ -153,55 +153,58 @@ def metres_a_second(units: UnitSystem) -> float:
     return 1.0 if units.reduced else 1.0 / quantity("1 m/s", "velocity", units)
 
 
+class View(NamedTuple):
+    """What is seen, and how; see ``sky_offsets``."""
+
+    body: str | int | None
+    about: str | int | None
+    sight: Floats
+    light_time: bool
+
+
 def _seen(
-    given: Any, times: Any, body: Any, about: Any, sight: Floats, light_time: bool, method: Any, dt: Any, options: Any
+    given: Any, times: Any, view: View, method: Any, options: dict[str, Any]
 ) -> tuple[UnitSystem, Floats, Floats]:
     """The units, and positions and velocities (k, 3) of the body when its light leaves."""
     if isinstance(given, System | Simulation):
-        return _in_run(given, times, body, about, sight, light_time, method, {"dt": dt, **options})
-    if times is not None or light_time:
+        return _in_run(given, times, view, method, options)
+    if times is not None or view.light_time:
         key = "times" if times is not None else "light_time"
         raise InputError(f"{key}: a run's file has its own times; give a System or a Simulation")
     if not isinstance(given, reader.Run):
         with reader.open(given) as opened:
-            return _seen(opened, None, body, about, sight, False, method, dt, options)
+            return _seen(opened, None, view, method, options)
     found = paths(given)
-    rows = [_row(found.names, each, key) for each, key in ((body, "body"), (about, "about")) if each is not None]
-    one = rows.pop(0) if body is not None else int(np.argmax(found.masses))
+    one, other = _rows(given[0].system, view)
     x, v = found.positions[:, one], found.velocities[:, one]
-    return given.units, x if about is None else x - found.positions[:, rows[0]], v
+    return given.units, x if other is None else x - found.positions[:, other], v
 
 
-def _row(names: Sequence[str], body: Any, key: str) -> int:
-    if body in names:
-        return names.index(body)
-    if isinstance(body, int | np.integer) and 0 <= body < len(names):
-        return int(body)
-    raise InputError(f"{key}: there is no body {shown(body)} (known: {', '.join(names[:12])})")
+def _rows(system: System, view: View) -> tuple[int, int | None]:
+    """Rows of the body, by default the most massive one, and of the body that it is seen from."""
+    one = int(np.argmax(system.state.masses)) if view.body is None else index_of(system, view.body, "body")
+    return one, None if view.about is None else index_of(system, view.about, "about")
 
 
 def _in_run(
-    given: System | Simulation, times: Any, body: Any, about: Any, sight: Floats, light_time: bool, method: Any,
-    options: dict[str, Any],
-) -> tuple[UnitSystem, Floats, Floats]:  # fmt: skip
+    given: System | Simulation, times: Any, view: View, method: Any, options: dict[str, Any]
+) -> tuple[UnitSystem, Floats, Floats]:
     system, method, asked_options = begun_from(given, method, options)
     if system.box.periodic:
         raise InputError("a periodic box has no outside from which to observe it")
-    units = system.units
-    one = int(np.argmax(system.state.masses)) if body is None else index_of(system, body, "body")
-    other = None if about is None else index_of(system, about, "about")
+    units, (one, other) = system.units, _rows(system, view)
     if times is None or isinstance(times, str) or not isinstance(times, Iterable):
         raise InputError(f"times: expected a row of times, such as [0.5, 1.0], got {shown(times)}")
     asked = np.array([time_in(each, units, f"times[{k}]") for k, each in enumerate(times)], dtype=float)
     m, left = system.state.masses, asked
-    if light_time and units.light is None:
+    if view.light_time and units.light is None:
         raise InputError(f"light_time: units {units.name!r} have no speed of light")
-    light = units.light if light_time and units.light else np.inf
+    light = units.light if view.light_time and units.light else np.inf
     for _ in range(PASSES):
         y = states_at(system, left, method, asked_options)  # (k, 2, 3, n)
         x, v = (y[:, j, :, one] - y[:, j] @ m / m.sum() for j in (0, 1))
-        late = (left - (x @ sight) / light - asked) / (1.0 - (v @ sight) / light)
-        if not light_time or np.abs(late).max(initial=0.0) <= SETTLED * np.abs(asked).max(initial=1.0):
+        late = (left - (x @ view.sight) / light - asked) / (1.0 - (v @ view.sight) / light)
+        if not view.light_time or np.abs(late).max(initial=0.0) <= SETTLED * np.abs(asked).max(initial=1.0):
             break
         left = left - late
     if other is not None:

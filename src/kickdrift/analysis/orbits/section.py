@@ -16,7 +16,7 @@ from kickdrift.model.events.events import Crossing
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import time_in
-from kickdrift.run.at_times import begun_from, states_at
+from kickdrift.run.at_times import begun_from
 from kickdrift.run.simulation import Simulation
 from kickdrift.text import shown
 
@@ -62,8 +62,8 @@ def poincare_section(
 ) -> Section:
     """Poincaré section: the times and states at which a function of the state passes through zero.
 
-    The crossings are those of a `Crossing` event. A second run over the same steps gives the states at these times:
-    the interpolant of an adaptive method, or the end of a shortened copy of a fixed step.
+    The crossings are those of a `Crossing` event. A state inside a step is the interpolant of an adaptive method, or
+    the end of a shortened copy of a fixed step.
 
     Parameters
     ----------
@@ -90,15 +90,19 @@ def poincare_section(
     end = time_in(until, system.units, "until")
     if not callable(coordinates):
         raise InputError(f"coordinates: expected a function f(t, x, v), got {shown(coordinates)}")
-    sim = Simulation(system.watched((Crossing(surface, "section", direction),)), method, **asked)
+    kept: dict[float, tuple[Floats, Floats]] = {}
+
+    def keep(t: float, x: Floats, v: Floats) -> None:
+        kept[t] = x, v
+
+    sim = Simulation(system.watched((Crossing(surface, "section", direction, seen=keep),)), method, **asked)
     sim.run(until=end, every=MOST_STEPS)
     times = np.array([each["time"] for each in sim.report().events if each["kind"] == "section"])
     if not times.size:
         raise InputError(
             f"poincare_section: no crossing until t = {end:.10g}; another surface or a longer run may have"
         )
-    phases = states_at(system, times, method, asked)
-    x, v = (np.swapaxes(phases[:, k], 1, 2) for k in (0, 1))
+    x, v = (np.array([kept[time][k] for time in times.tolist()]) for k in (0, 1))
     values = np.array([np.atleast_1d(coordinates(t, *each)) for t, *each in zip(times, x, v, strict=True)], dtype=float)
     named = tuple(names) or tuple(f"value {k}" for k in range(values.shape[1]))
     if len(named) != values.shape[1]:

@@ -56,7 +56,7 @@ def unit(p: Any) -> Floats:
 def check_before(p: Any, system: Subject) -> None:
     """Refuse a wall with a particle behind it."""
     x = system.state.positions
-    s = distances(p, x)
+    s = distances(p, x) - getattr(p, "speed", 0.0) * system.state.time
     i = int(s.argmin())
     if s[i] < -ROUNDING * (np.abs(x[i]).max() + np.abs(p.point).max()):
         raise InputError(
@@ -170,20 +170,28 @@ class ReflectingWall(NamedTuple):
 
     Splitting methods bounce in their drifts, where particles fly straight. Between two kicks such a bounce keeps
     energy and can be reversed. Beside other forces, each bounce changes the total energy by up to force x speed x dt,
-    with either sign. Other methods integrate a force, which a bounce is not, so they refuse this wall.
+    with either sign. These methods mirror the centres of bodies. ``event-driven`` bounces spheres at their surface, and
+    takes walls that move or lose energy. Other methods integrate a force, which a bounce is not, so they refuse this
+    wall.
 
     Attributes
     ----------
     normal : (x, y, z)
         Points to the side of the particles; of any length.
     point : (x, y, z)
-        A point of the wall; default the origin.
+        A point of the wall at t = 0; default the origin.
+    restitution : float
+        Ratio of the normal speeds after and before a bounce, relative to the wall, from 0 to 1; default 1.
+    speed : float
+        Speed of the wall along its normal; default 0.
     """
 
     normal: Vector
     point: Vector = (0.0, 0.0, 0.0)
+    restitution: float = 1.0
+    speed: float = 0.0
 
-    dimensions = {"point": "length"}  # type: ignore[misc]  # noqa: RUF012
+    dimensions = {"point": "length", "speed": "velocity"}  # type: ignore[misc]  # noqa: RUF012
     varies = ()  # type: ignore[misc]
     per_mass = reflects = True  # type: ignore[misc]
 
@@ -192,6 +200,8 @@ class ReflectingWall(NamedTuple):
 
     def check(p):
         check_wall(p)
+        if not 0 <= p.restitution <= 1:
+            raise InputError(f"restitution must be a number from 0 to 1, got {shown(p.restitution)}")
 
     def check_system(p, system):
         """Refuse a wall across a periodic axis, and one with a particle behind it."""

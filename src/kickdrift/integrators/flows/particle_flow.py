@@ -14,7 +14,7 @@ from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.slopes.variations import particles_in
 from kickdrift.integrators.flows.jacobian import difference_jacobian
 from kickdrift.integrators.options import APART, FULL
-from kickdrift.looks.columns import VIRIAL
+from kickdrift.looks.columns import PRESSURE, VIRIAL
 from kickdrift.looks.doubts import explain, nearest_pair
 from kickdrift.looks.looking import CHANGING, HEAD, NO_ENERGY, VOLUMES, Looking, desk_of, look
 from kickdrift.looks.observers import Looks, Sample
@@ -36,6 +36,7 @@ class ParticleStates:
     raised: BaseException | None = None
     of_particles = True
     halves = 2
+    hits = False  # whether hard spheres hit between two looks, so that the pressure needs both
     carries = False  # whether unknowns beside the bodies can advance apart from them: see ``Method.carries_unknowns``
 
     def __init__(self, system: System) -> None:
@@ -137,6 +138,8 @@ class ParticleStates:
         status = self.look(one, y, time, steps, self._ends, fresh)
         if status != OK:
             raise self.refused(status, steps, time)
+        if self.hits:
+            one.rows[0, PRESSURE] = np.nan
         one.keep(steps)
         return one.samples[0]
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from kickdrift.errors import InputError
 from kickdrift.forces.fields.walls import unit
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.stepping.subflow_code import BoundSubflow, subflow_body
@@ -42,6 +43,8 @@ def walls_of(subject: Any) -> list[Any]:
 def bind(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
     """Bind the mirrors of a flow's System."""
     walls = walls_of(flow.subject)
+    if any(wall.speed or wall.restitution != 1 for wall in walls):
+        raise InputError("reflecting-wall: a wall that moves or loses energy needs the integrator 'event-driven'")
     normals = np.array([unit(wall) for wall in walls]).reshape(-1, 3)
     offsets = np.array([normal @ np.array(wall.point) for normal, wall in zip(normals, walls, strict=True)], float)
     carried = [force.system for force in getattr(flow.subject, "forces", ()) if hasattr(force, "force")]

@@ -177,6 +177,23 @@ def _listed(radii: Any) -> Sequence[Any]:
         raise InputError(f"collision: radii must be lengths, got {shown(radii)}") from None
 
 
+def check_box(kind: str, system: Bodies, radii: Floats) -> None:
+    """Refuse spheres that do not fit into a periodic box, and one that could touch two images of another."""
+    heights, largest = system.box.heights, float(radii.max(initial=0.0))
+    if 4.0 * largest >= (least := float(heights.min())):
+        i = int(radii.argmax())
+        raise InputError(
+            f"{kind}: {system.body(i)} has the diameter {2.0 * largest:.6g}, which must be less than half the box, "
+            f"whose least height is {least:.6g}"
+        )
+    flat = system.dimensions == 2
+    room = system.box.area if flat else system.box.volume
+    filled = float((np.pi * radii**2 if flat else 4.0 / 3.0 * np.pi * radii**3).sum()) / room
+    if filled >= 1.0:
+        what = "area" if flat else "volume"
+        raise InputError(f"{kind}: the spheres do not fit: they take {filled:.3g} times the {what} of the box")
+
+
 WATER = "1000 kg/m^3"  # rho_1 of Leinhardt & Stewart 2012
 SLOW = "1 cm/s"  # unit of speed of Bridges, Hatzes & Lin 1984
 
@@ -212,15 +229,26 @@ def material_of(event: Collision, system: Bodies, gravity: Any) -> tuple[float, 
     return event.c_star, event.mu_bar, float(density), float(G)  # type: ignore[arg-type]
 
 
-def restitution_of(event: Collision, system: Bodies, speed: float) -> float:
-    """Restitution at a normal speed."""
-    if speed < event.elastic_below:
+def restitution_of(event: Collision, system: Bodies) -> tuple[float, float, float]:
+    """Restitution of an event, as `ratio` takes it."""
+    if event.restitution == BRIDGES:
+        return 1.0, float(event.elastic_below), _slow(system.units)
+    return float(event.restitution), float(event.elastic_below), 0.0
+
+
+def ratio(restitution, speed):
+    """Ratio of the normal speeds after and before a hit. Compiled code takes the same function.
+
+    ``restitution`` holds a constant, the speed below which hits are elastic, and the unit of speed of frosty ice, or
+    zero for the constant."""
+    constant, elastic_below, slow = restitution
+    if speed < elastic_below:
         return 1.0
-    if event.restitution != BRIDGES:
-        return float(event.restitution)
-    if not speed > 0:
+    if slow == 0.0:
+        return constant
+    if not speed > 0.0:
         return 1.0
-    return min(1.0, 0.32 * (speed / _slow(system.units)) ** -0.234)
+    return min(1.0, 0.32 * (speed / slow) ** -0.234)
 
 
 @lru_cache

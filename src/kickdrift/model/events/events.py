@@ -15,7 +15,7 @@ from kickdrift.model.body_checks import check_name
 from kickdrift.model.checks.arguments import checked_arguments, misfit
 from kickdrift.model.checks.limits import check_particles, check_room
 from kickdrift.model.checks.values import is_number, positive
-from kickdrift.model.events.collision import Collision, check_action, one_of
+from kickdrift.model.events.collision import Collision, check_action, check_box, one_of
 from kickdrift.model.patch import check_patch, patch_of
 from kickdrift.model.subject import Bodies, Subject, index_of
 from kickdrift.text import shown
@@ -124,12 +124,15 @@ class Crossing:
         1: g rises through zero; -1: it falls; 0: both.
     tolerance : float
         Error of the time, as a part of the step.
+    seen : callable, optional
+        ``seen(t, x, v)``, or ``seen(t, y)`` for a Problem, is called at each zero with the state there.
     """
 
     function: Callable[..., Any] | Between
     name: str
     direction: int = 0
     tolerance: float = 1e-13
+    seen: Callable[..., Any] | None = None
 
     def __post_init__(self) -> None:
         if isinstance(self.name, str) and self.name:
@@ -138,6 +141,8 @@ class Crossing:
             raise InputError(f"crossing: name must be text of 1 to {NAME_BYTES} bytes, got {shown(self.name)}")
         if not (callable(self.function) or isinstance(self.function, Between)):
             raise InputError(f"crossing {self.name!r}: function must be callable, got {shown(self.function)}")
+        if not (self.seen is None or callable(self.seen)):
+            raise InputError(f"crossing {self.name!r}: seen must be callable, got {shown(self.seen)}")
         if self.direction not in (-1, 0, 1):
             raise InputError(f"crossing {self.name!r}: direction must be -1, 0 or 1, got {shown(self.direction)}")
         if not (is_number(self.tolerance) and 0 < self.tolerance < 1):
@@ -200,7 +205,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
     found = _listed(events)
     for event in found:
         _check_kind(event)
-        if system.box.periodic:
+        if system.box.periodic and not isinstance(event, Collision):
             raise InputError(f"{event.kind}: events need open space, but the box is periodic")
         if isinstance(event, CloseApproach | Escape) and patch_of(system) is not None:
             raise InputError(f"{event.kind}: does not see the images of a shear-periodic patch; a collision does")
@@ -213,6 +218,7 @@ def checked_events(system: Bodies, events: Iterable[Event]) -> tuple[Event, ...]
             radii, patch = event.radii_in(system), patch_of(system)
             if patch is not None:
                 check_patch(event.kind, patch, radii)
+            check_box(event.kind, system, radii)
             if event.adds:
                 check_particles(f"{event.kind}: new_bodies", event.new_bodies, "bodies")
             check_action(event, system, binding(system))

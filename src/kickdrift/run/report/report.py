@@ -24,6 +24,7 @@ from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.run.report.charges import ChargeReport, charge_report
 from kickdrift.run.report.energy import EnergyReport, energy_report, work_of, working
+from kickdrift.run.report.hits import HitReport, hit_report
 from kickdrift.run.report.molecules import MoleculeReport, molecule_report
 from kickdrift.run.report.shown import ShownReport
 from kickdrift.run.report.tensor import TensorReport, tensor_report
@@ -78,7 +79,8 @@ class Report(ShownReport):
     "differs by 4.1 standard errors", or "too short to judge"; None without a heat bath. The verdict says so where the
     velocities alone may be too slow, as those of ``baoab`` are in a long step. ``pressure_verdict`` does the same with
     the pressure of a barostat. ``volume`` and ``volume_error`` are those of a box that a barostat changes, else None.
-    ``tensor`` has the components of the pressure, where the barostat changes the shape of the box.
+    ``tensor`` has the components of the pressure, where the barostat changes the shape of the box. ``hits`` counts
+    those of hard spheres under ``event-driven``; the pressure is then that of motion and hits between two looks.
     ``heat`` is the energy that the bath gave, and ``work`` the energy that the change of the box gave; None without
     bath or barostat, and if the engine does not tell them. ``options`` holds the options except dt and tolerances.
     ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
@@ -138,6 +140,7 @@ class Report(ShownReport):
     equilibrated: str = ""
     molecules: MoleculeReport | None = None
     tensor: TensorReport | None = None
+    hits: HitReport | None = None
 
     @cached_property
     def temperature_error(self) -> float | None:
@@ -193,6 +196,7 @@ class Report(ShownReport):
         if self.about.even:
             series = self.about.series
             values = values[even_looks(series.steps, series.times)]
+        values = values[np.isfinite(values)]
         error = float(block_average(values).error)
         return error if np.isfinite(error) else None
 
@@ -212,6 +216,7 @@ class Report(ShownReport):
             "charges": self.charges and asdict(self.charges),
         }
         parts |= {"molecules": self.molecules and asdict(self.molecules), "tensor": self.tensor and asdict(self.tensor)}
+        parts["hits"] = self.hits and asdict(self.hits)
         return plain(own | parts)
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -290,6 +295,7 @@ def report(sim: Any) -> Report:
         equilibrated=record.equilibrated,
         molecules=molecule_report(system, sim),
         tensor=tensor_report(system, sim),
+        hits=hit_report(sim),
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 

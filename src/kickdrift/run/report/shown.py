@@ -61,6 +61,8 @@ class ShownReport(Shown):
             lines.append(("pressure", f"{mean_text(self.pressure, self.pressure_error, per)}{verdict}"))
         if units and self.tensor is not None:
             lines += self.tensor.lines(symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}"))
+        if units and self.hits is not None:
+            lines += self.hits.lines(time_unit)
         if units and self.volume is not None:
             per = symbol_of(f"{units.length}^{self.about.dimensions}")
             lines.append(("volume", mean_text(self.volume, self.volume_error, per)))

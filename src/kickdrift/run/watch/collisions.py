@@ -10,7 +10,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.forces.fields.shipped import Hill
 from kickdrift.looks.observers import Sample, Taken, angular_momentum, kinetic_energy
 from kickdrift.model.changing import holding, remaining
-from kickdrift.model.events.collision import Collision, Sphere, material_of, restitution_of
+from kickdrift.model.events.collision import Collision, Sphere, material_of, ratio, restitution_of
 from kickdrift.model.events.events import Escape, binding
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
@@ -184,7 +184,7 @@ def changed(
     i, j = bodies
     masses = system.state.masses
     if event.action == "bounce":
-        restitution = restitution_of(event, system, approach_speed(y, i, j, offset))
+        restitution = ratio(restitution_of(event, system), approach_speed(y, i, j, offset))
         return Change(system, bounced(masses, y, i, j, restitution, offset), "bounced")
     y = y.copy()
     y[:, :, j] += offset

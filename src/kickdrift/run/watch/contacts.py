@@ -212,7 +212,7 @@ class Contacts(Checkpointed):
         contacts, such as grazing ones, are bracketed."""
         i, j, *image = (int(k) for k in self._pairs[:, int(pair)])
         reach, time = self.radii[i] + self.radii[j], span.t0 + s * span.length
-        where = [(image[0], image[1])] if image else []
+        where = [tuple(image)] if image else []
         for _ in range(STEPS if s > a and (span.costly or self._newton) else 0):
             x, v = self._apart(span.inside(time), time, i, j, image)
             if not (inwards := -float(x @ v)) > 0:
@@ -251,7 +251,7 @@ class Contacts(Checkpointed):
         for pair, image in zip(known, images, strict=True):
             rows = sorted(row_of.get(each, -1) for each in pair)
             if rows[0] >= 0:
-                self.touch(tuple(rows), *([(image[0], image[1])] if image else []))
+                self.touch(tuple(rows), *([tuple(image)] if image else []))
 
     def touch(self, bodies: tuple[int, ...], image: Image = HERE) -> None:
         """Mark two bodies as touching, until they separate. In open space there are no images."""

@@ -231,6 +231,9 @@ class Crossings(Checkpointed):
             event, rows = self._events[self._live[m]], self._rows[m]
             for time in self._zeros(k, event, span):
                 distance = separation(span.inside(time), *rows) if rows else math.nan
+                if event.seen is not None:
+                    y = self._turned(span.inside(time))
+                    event.seen(time, *((y[0], y[1]) if self._bodies_move else (y,)))
                 found.append((time, entry(self._subject, event.kind, time, span.step, rows or (), distance, "logged")))
         self._fresh = True
         self._keep()

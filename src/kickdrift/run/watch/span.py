@@ -79,7 +79,7 @@ class Act(NamedTuple):
     time: float
     bodies: tuple[int, ...]  # rows
     distance: float
-    image: Image = HERE  # of the second body, in a patch
+    image: Image = HERE  # of the second body, in a box or patch
 
 
 def attraction(system: System) -> tuple[Floats, float]:

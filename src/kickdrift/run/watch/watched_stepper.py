@@ -22,7 +22,7 @@ from kickdrift.integrators.stepping.stepper import Counts, Stepper
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.events.events import CloseApproach, Collision, Event
 from kickdrift.model.memory import Memory, by_value
-from kickdrift.model.patch import HERE, patch_of
+from kickdrift.model.patch import images_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.watch.collisions import Change, changed, energy_of_places, taken_between, taken_by_bounce
@@ -287,7 +287,9 @@ class WatchedStepper:
         else:
             taken = taken_between(before, self._run.sample_at(y, act.time))
         row["energy"] = taken.energy
-        if event.action != "bounce" or event.restitution != 1 or act.image != HERE:  # type: ignore[union-attr]
+        images = images_of(system)
+        moved = images is not None and images.moves and any(act.image)
+        if event.action != "bounce" or event.restitution != 1 or moved:  # type: ignore[union-attr]
             self._run.record.take(taken)
         self._search.log.add(row)
         self._run.bodies_changed()
@@ -305,8 +307,8 @@ class WatchedStepper:
         assert not isinstance(event, CloseApproach)  # which only ends runs
         radii = self._search.radii(event) if isinstance(event, Collision) else np.zeros(0)
         try:
-            patch = patch_of(self._system)
-            offset = 0.0 if patch is None else patch.offset(act.image, act.time)
+            images = images_of(self._system)
+            offset = 0.0 if images is None else images.offset(act.image, act.time)
             change = changed(event, self._system, y, act.bodies, radii, self.roster.next, offset)
             self.roster.check_room(len(change.born))
         except RunError as error:

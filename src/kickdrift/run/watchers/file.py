@@ -44,7 +44,7 @@ class File(Watcher):
         run = self._run
         self._writer: Any = self._open()
         self._told, self._named = len(run.record.events), 0
-        self._acting = run.heat is not None or (run.events is not None and run.events.acting)
+        self._acting = run.heat is not None or run.method.bounces or (run.events is not None and run.events.acting)
         if run.events:
             self._writer.absorbed = run.events.roster.absorbed
 
