@@ -22,11 +22,11 @@ PAGE = TOP / "docs" / "api.md"
 # The twins of each command: an option has the name of a parameter of one of them, --quiet that of `progress`.
 TWINS = {
     "run": "Simulation Simulation.run FileOptions load", "resume": "resume Simulation.run FileOptions",
-    "relax": "Simulation Simulation.minimize load", "compare": "compare",
+    "relax": "Simulation Simulation.minimize load", "compare": "compare load",
     "compare-engines": "analysis.compare_engines load", "chaos": "megno", "transits": "transits",
-    "certify": "analysis.ensemble_checks analysis.engine_checks Simulation", "analyze": "analysis.orbit_report",
+    "certify": "analysis.ensemble_checks analysis.engine_checks Simulation load", "analyze": "analysis.orbit_report",
     "ensemble": "Ensemble Ensemble.run", "plot": "open().plot Problem.plot Simulation Simulation.run",
-    "movie": "movie", "export": "export", "view": "open().view", "info": "open", "show": "load", "new": "template",
+    "movie": "movie", "export": "export load", "view": "open().view", "info": "open load", "show": "load", "new": "template",
     "schema": "", "cite": "cite", "doctor": "doctor", "list": "listing",
 }  # fmt: skip
 # Options with another name in Python: a parameter, or a name from `kickdrift` on.
@@ -61,7 +61,7 @@ OTHERS: dict[str, dict[str, str]] = {
         "file": "open(path)", "--stability": "stability(integrators)", "--integrator": "Problem.plot(integrators)",
     },
     "movie": {"file": "movie(path)"},
-    "export": {"file": "export(path)"},
+    "export": {"file": "export(path)", "--frame": "open().system"},
     "view": {"file": "open(path)"},
     "info": {"file": "open(path)", "--all": "open().as_json", "--json": "open().as_json"},
     "show": {"system": "load(name_or_path)", "--frame": "open().system"},
@@ -71,10 +71,10 @@ OTHERS: dict[str, dict[str, str]] = {
     "list": {"--json": "Listing.as_json"},
 }  # fmt: skip
 
-# Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it, and a list
-# has all its columns.
+# Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it; its
+# numbers are arrays; and a list has all its columns.
 OF_FILES = {
-    "plot": {"--output", "--overwrite"}, "compare": {"--overwrite"}, "compare-engines": {"--overwrite", "--quiet"},
+    "plot": {"--output", "--overwrite", "--csv"}, "compare": {"--overwrite"}, "compare-engines": {"--overwrite", "--quiet"},
     "chaos": {"--overwrite"}, "info": {"--overwrite"},
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
     "analyze": {"--overwrite", "--quiet"}, "transits": {"--overwrite"},
