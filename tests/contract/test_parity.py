@@ -26,8 +26,8 @@ TWINS = {
     "compare-engines": "analysis.compare_engines load", "chaos": "megno", "transits": "transits",
     "certify": "analysis.ensemble_checks analysis.engine_checks Simulation load", "analyze": "analysis.orbit_report",
     "ensemble": "Ensemble Ensemble.run", "plot": "open().plot Problem.plot Simulation Simulation.run",
-    "movie": "movie", "export": "export load", "view": "open().view", "info": "open load", "show": "load", "new": "template",
-    "schema": "", "cite": "cite", "doctor": "doctor", "list": "listing",
+    "movie": "movie", "export": "export load", "view": "open().view", "info": "open load", "show": "load",
+    "new": "template", "schema": "", "cite": "cite", "doctor": "doctor", "list": "listing",
 }  # fmt: skip
 # Options with another name in Python: a parameter, or a name from `kickdrift` on.
 OTHERS: dict[str, dict[str, str]] = {
@@ -74,8 +74,8 @@ OTHERS: dict[str, dict[str, str]] = {
 # Options that need no twin: a figure in Python is saved by the user, who names the file and may replace it; its
 # numbers are arrays; and a list has all its columns.
 OF_FILES = {
-    "plot": {"--output", "--overwrite", "--csv"}, "compare": {"--overwrite"}, "compare-engines": {"--overwrite", "--quiet"},
-    "chaos": {"--overwrite"}, "info": {"--overwrite"},
+    "plot": {"--output", "--overwrite", "--csv"}, "compare": {"--overwrite"},
+    "compare-engines": {"--overwrite", "--quiet"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
     "analyze": {"--overwrite", "--quiet"}, "transits": {"--overwrite"},
     "view": {"--output", "--overwrite", "--open", "--quiet"},
