@@ -235,3 +235,9 @@ def test_a_run_that_fails_names_the_unknown():
     system = with_unknowns(explodes, (1.0,), ("fuel",), None)
     with pytest.raises(kd.RunError, match=r"beside: fuel is .*; the last good point is step 11"):
         kd.Simulation(system, "velocity-verlet", dt=0.1).run(until=5.0)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_function_that_does_not_compile_is_named(method):
+    with pytest.raises(InputError, match=r"beside: law does not compile, .*Untyped global name 'eval'"):
+        kd.Simulation(with_unknowns(lambda t, y, bodies: (y[1], eval("0.0"))), method, **METHODS[method]).run(1)

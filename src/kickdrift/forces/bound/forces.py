@@ -176,6 +176,10 @@ class BoundForces:
             self._table = self.forces, table_of(self.forces)
         return self._table[1]
 
+    def compile(self) -> None:
+        """Compile the forces now, so that a law that numba cannot compile ends in its line; see `table`."""
+        _ = self.table
+
     def measure(self, time: float, phase: Floats) -> Measured | None:
         """Return accelerations and energies at ``phase`` (2, 3, n), positions and velocities; None if not finite."""
         a, sums = np.zeros(phase.shape[1:]), np.zeros(3)

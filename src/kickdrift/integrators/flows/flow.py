@@ -104,6 +104,7 @@ class FlowBeside(ParticleFlow):
 
     def carried(self) -> Any:
         """Hand the unknowns to a method that advances them by itself, and return their compiled form."""
+        self.forces.compile()
         laws = (getattr(force.parts, "law", None) for force in self.forces.forces)
         own: Any = next(law for law in laws if hasattr(law, "split"))
         own.split[0] = 1

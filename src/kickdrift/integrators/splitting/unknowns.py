@@ -54,4 +54,7 @@ def unknowns_of(forces: BoundForces) -> Held | None:
     """The unknowns of forces that were bound to the bodies alone, ready to advance by themselves; None without any."""
     laws = (getattr(force.parts, "law", None) for force in forces.forces)
     law = next((each for each in laws if hasattr(each, "held")), None)
-    return None if law is None else Held(AtRest(law)).ready()
+    if law is None:
+        return None
+    forces.compile()
+    return Held(AtRest(law)).ready()
