@@ -216,6 +216,8 @@ def test_other_units_and_other_programs_do_not_free_fixed_particles(tmp_path):
     two = kd.System(np.eye(3), forces=[kd.Gravity(1.0)], fixed=[kd.Fixed(0, velocity=(0, 0, 1))])
     with pytest.raises(InputError, match="rotated: fixed particles that move"):
         two.rotated(np.eye(3))
+    with pytest.raises(InputError, match="barycentric: would move fixed particles"):
+        two.with_body("far", position=[9.0, 0, 0], mass=1.0, barycentric=True)
     pytest.importorskip("rebound")
     with pytest.raises(InputError, match="to_rebound: rebound moves all bodies"):
         two.to_rebound()

@@ -63,6 +63,8 @@ def with_body(system: System, name: str | None, barycentric: bool, given: Mappin
         positions, velocities = np.vstack([state.positions, x]), np.vstack([state.velocities, v])
         masses = np.append(state.masses, float(mass or 0.0))
         if barycentric:
+            if system.fixed is not None:
+                raise InputError("barycentric: would move fixed particles; fix them in the new system")
             positions, velocities = (to_barycentric(rows, masses)[0] for rows in (positions, velocities))
         made = system.remade(
             positions=positions,

@@ -19,6 +19,7 @@ from kickdrift.errors import InputError
 from kickdrift.model.any_cell import oriented, without_rounding
 from kickdrift.model.checks.limits import check_particles
 from kickdrift.model.checks.values import number, numbers
+from kickdrift.model.freedom import free_masses
 from kickdrift.model.nearness import any_nearer, nearest_pair
 from kickdrift.model.starts.gro import refuse_cut
 from kickdrift.model.starts.lammps_data import AtomTable, atom_table
@@ -167,7 +168,7 @@ def drawn_velocities(system: Subject, temperature: float | str | None, seed: int
     if temperature is None or seed is None:
         raise InputError("seed and temperature need each other: velocities are drawn with a seed, such as seed = 1")
     value = quantity(temperature, "temperature", system.units, "temperature")
-    masses = system.coherent_masses if system.fixed is None else system.fixed.free(system.coherent_masses)
+    masses = free_masses(system)
     drawn = maxwell_boltzmann(
         masses, value, system.units.boltzmann, seed, system.dimensions, conserved=system.fixed is None
     )
