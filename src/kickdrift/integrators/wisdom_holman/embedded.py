@@ -82,7 +82,7 @@ class Eos(Splitting):
     """
 
     evaluations = 0
-    free_because = "kicks by parts of gravity"
+    free_because = moves_all_because = "kicks by parts of gravity"
     carries_unknowns = False
     float64_because = OWN_FORCES
 
