@@ -12,6 +12,7 @@ from kickdrift.analysis.certify.sampled_run import sampled_run
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.model.freedom import disturbing
+from kickdrift.pages.particles import page_system
 from tests.systems import PRESSED, assert_bits_last, liquid, needed
 
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
@@ -186,6 +187,55 @@ def test_what_fixed_particles_do_not_go_with():
         kd.Simulation(walled, dt=0.002).run(1)
     with pytest.raises(InputError, match="two-dimensional"):
         kd.System([[0.0, 0.0], [1.0, 1.0]], dimensions=2, fixed=[kd.Fixed(0, velocity=(0, 0, 1))])
+
+
+def growth(t, y, bodies):
+    return np.array([bodies.x[0, 0] + 1.0])
+
+
+@pytest.mark.parametrize("name", ["velocity-verlet", "gauss-radau15"])
+def test_bodies_stay_beside_unknowns(name):
+    bodies = kd.load("two-planets")
+    system = bodies.with_forces(*bodies.forces, kd.Beside(growth, [0.0])).with_fixed(kd.Fixed([0, 1]))
+    sim = kd.Simulation(system, name, dt=dt_of(name) and 0.01)
+    sim.run(5)
+    np.testing.assert_array_equal(sim.state.positions[:2], system.state.positions[:2])
+    assert np.abs(sim.state.positions - system.state.positions)[2].max() > 0 < sim.state.unknowns[0]
+
+
+def test_other_units_and_other_programs_do_not_free_fixed_particles(tmp_path):
+    x = [[0.0, 0, 0], [4.0, 0, 0]]
+    law = kd.LennardJones(epsilon=0.01, sigma=3.4, cutoff=10.0, truncation="cut")
+    system = kd.System(x, masses=40.0, box=(30,) * 3, units="metal", forces=[law], fixed=[kd.Fixed(0)])
+    moving = system.with_fixed(kd.Fixed(1, velocity=("1 angstrom/ps", 0, 0)))
+    changed = moving.in_units("gromacs").fixed
+    assert changed.particles.tolist() == [1]
+    np.testing.assert_allclose(changed.velocities[:, 0], [0.1, 0.0, 0.0])
+    with pytest.raises(InputError, match="to_lammps: fixed particles"):
+        system.to_lammps(tmp_path / "in.lammps")
+    two = kd.System(np.eye(3), forces=[kd.Gravity(1.0)], fixed=[kd.Fixed(0, velocity=(0, 0, 1))])
+    with pytest.raises(InputError, match="rotated: fixed particles that move"):
+        two.rotated(np.eye(3))
+    pytest.importorskip("rebound")
+    with pytest.raises(InputError, match="to_rebound: rebound moves all bodies"):
+        two.to_rebound()
+
+
+def test_openmm_leaves_fixed_particles_in_place():
+    pytest.importorskip("openmm")
+    law = kd.LennardJones(epsilon=1.0, sigma=0.34, cutoff=1.0, truncation="cut")
+    system = kd.System([[0.0, 0, 0], [0.4, 0, 0]], masses=40.0, box=(3,) * 3, units="gromacs", forces=[law])
+    made = system.with_fixed(kd.Fixed(0)).to_openmm()[0]
+    assert [made.getParticleMass(i)._value for i in range(2)] == [0.0, 40.0]
+    with pytest.raises(InputError, match="to_openmm: OpenMM keeps fixed particles at rest"):
+        system.with_fixed(kd.Fixed(0, velocity=(1, 0, 0))).to_openmm()
+
+
+def test_a_page_refuses_fixed_particles(tmp_path):
+    path = tmp_path / "held.toml"
+    path.write_text(held().with_run(integrator="velocity-verlet", dt=0.002).to_toml())
+    with pytest.raises(InputError, match="has fixed particles, which a page cannot hold"):
+        page_system(str(path))
 
 
 def test_water_between_fixed_walls_keeps_both():

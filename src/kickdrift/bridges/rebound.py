@@ -164,6 +164,8 @@ def simulation_of(system: System) -> Any:
     gravity = _gravity(system, hill)
     if system.box.periodic:
         raise InputError("to_rebound: the box is periodic; rebound's boundaries differ from kickdrift's")
+    if system.fixed is not None:
+        raise InputError("to_rebound: rebound moves all bodies, and this system has fixed particles")
     if system.units.coherent_mass != 1.0:
         raise InputError(f"to_rebound: rebound cannot express units {system.units.name!r}, in which force is not m a")
     sim, state = rebound.Simulation(), system.state
@@ -268,10 +270,12 @@ class Archive:
         self.notes = [f"force {force.name!r} is left out" for force in system.forces if not isinstance(force, Gravity)]
         if system.box.periodic:
             self.notes.append("the box is left out")
-        gone: dict[str, Any] = {"equilibration": None, "topology": None, "events": (), "constraints": None}
-        self.system = system.remade(forces=gravity, box=Box(None), **gone)
+        gone: dict[str, Any] = dict.fromkeys(("equilibration", "topology", "constraints", "fixed"))
+        self.system = system.remade(forces=gravity, box=Box(None), events=(), **gone)
         if system.constraints is not None:
             self.notes.append("the constraints are left out")
+        if system.fixed is not None:
+            self.notes.append("fixed particles are free")
         self.notes += [f"event {event.kind!r} is left out" for event in system.events]
         self._there: tuple[int, ...] | None = None
         self._sim: Any = None

@@ -14,7 +14,7 @@ from kickdrift.jit.handle import address_of, handle, unowned
 from kickdrift.looks import columns
 from kickdrift.looks.centres import add_within, parted
 from kickdrift.looks.heat import MOTION, heat_of
-from kickdrift.looks.observers import particles_interact
+from kickdrift.looks.observers import bodies_collide, particles_interact
 from kickdrift.model.freedom import NONE, apart_of, fixed_heat, freedom_of
 from kickdrift.model.state import Floats
 
@@ -45,9 +45,10 @@ class Looking(NamedTuple):
         return address_of(look, self.forces.table, *args)
 
 
-def desk_of(system: System, bath: bool = False, drags: bool = False) -> Floats:
+def desk_of(system: System, bath: bool = False, drags: bool = False, hits: bool = False) -> Floats:
     """Return the desk: the particles' constants and workspace, in the layout of the constants above. A ``bath`` gives
-    particles a temperature that do not act on each other; ``drags`` tells whether it changes the total momentum."""
+    particles a temperature that do not act on each other; ``drags`` tells whether it changes the total momentum.
+    ``hits`` tells whether the method adds the pressure of collisions, which else leave no pressure."""
     masses, freedom = system.coherent_masses, freedom_of(system, drags)
     collide = (bath or particles_interact(system)) and freedom > 0
     desk = np.zeros(HEAD + 4 * len(masses))
@@ -55,7 +56,8 @@ def desk_of(system: System, bath: bool = False, drags: bool = False) -> Floats:
     desk[FREEDOM] = freedom * system.units.boltzmann if collide else np.nan
     asked = collide or np.isfinite(system.volume)  # else neither temperature nor pressure needs the heat
     desk[APART] = apart_of(system, drags) if asked else NONE
-    desk[VOLUMES] = system.dimensions * system.volume if np.isfinite(system.volume) else np.nan
+    pressed = np.isfinite(system.volume) and (hits or not bodies_collide(system))
+    desk[VOLUMES] = system.dimensions * system.volume if pressed else np.nan
     desk[CHANGING] = np.nan
     desk[GIVEN] = fixed_heat(system)
     desk[HEAD : HEAD + len(masses)] = masses

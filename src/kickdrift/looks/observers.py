@@ -166,6 +166,11 @@ def particles_interact(system: System) -> bool:
     return any(getattr(force, "thermal", False) for force in system.forces)
 
 
+def bodies_collide(system: System) -> bool:
+    """Tell whether an event changes bodies that meet. Their pushes are in no virial, so they leave no pressure."""
+    return any(getattr(event, "action", "log") not in ("log", "stop") for event in system.events)
+
+
 class Measuring(Protocol):
     """An object that evaluates forces and sums at (2, 3, n) positions and velocities; None if not finite."""
 

@@ -12,6 +12,7 @@ from kickdrift.forces.bonded.own_pairs import OwnPairs
 from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.charges.sampled import virial_tensor
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.looks.observers import bodies_collide
 from kickdrift.model.nearness import pairs_nearer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -26,6 +27,8 @@ def instantaneous_pressure(system: System, positions: ArrayLike, velocities: Arr
         raise InputError("pressure: needs a periodic box; open space has no volume")
     if system.constraints is not None:
         raise InputError("pressure: the tensor lacks the forces of constraints; samples have their pressure")
+    if bodies_collide(system):
+        raise InputError("pressure: the tensor lacks the pushes of collisions; samples of event-driven have them")
     x, v = np.asarray(positions, dtype=float), np.asarray(velocities, dtype=float)
     total = np.einsum("n,na,nb->ab", system.coherent_masses, v, v)
     for force in system.forces:

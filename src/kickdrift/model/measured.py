@@ -24,8 +24,8 @@ class MeasuredSystem:
         return above("sample of a System")(self, threads).energies
 
     def pressure(self, threads: int = 1) -> float:
-        """Pressure, in the system's energy unit per volume (per area in two dimensions); nan in open space and for
-        forces without a virial."""
+        """Pressure, in the system's energy unit per volume (per area in two dimensions); nan in open space, for
+        forces without a virial and where bodies collide."""
         found: float = above("sample of a System")(self, threads).pressure
         return found
 

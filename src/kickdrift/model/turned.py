@@ -39,6 +39,8 @@ def turned(system: Any, turn: Any) -> Any:
     """See ``System.rotated``."""
     if system.box.periodic:
         raise InputError("rotated: a periodic box cannot turn; give the System an open box")
+    if system.fixed is not None and system.fixed.move:
+        raise InputError("rotated: fixed particles that move cannot turn; fix them after the rotation")
     matrix = rotation_matrix(system, turn)
     if system.dimensions == 2 and abs(matrix[2, 2]) < 1.0 - SQUARE:
         raise InputError("rotated: two dimensions turn about z alone")

@@ -78,7 +78,7 @@ def page_system(path: str) -> System:
         raise InputError(f"page {shown(path)}: has {len(system):,} particles; a page holds {MOST:,}")
     if system.run is None or system.run.dt is None:
         raise InputError(f"page {shown(path)}: needs dt in its [run]")
-    if reason := system.tied_by or (system.events and "events") or (system.stages and "stages"):
+    if reason := system.held_by or (system.events and "events") or (system.stages and "stages"):
         raise InputError(f"page {shown(path)}: has {reason}, which a page cannot hold")
     for force in system.forces:
         listed = isinstance(force, ListedForce) and not isinstance(force, PairForce)

@@ -15,6 +15,7 @@ from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.box.box import Box
+from kickdrift.model.fixed import Fixed
 from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.virtual_sites import VirtualSite
 from kickdrift.model.run_defaults import RunDefaults
@@ -58,12 +59,18 @@ def in_units(system: System, name: str) -> System:
         charges=system.charges,
         constraints=held and [Constraint(pairs=held.pairs.tolist(), distance=(held.lengths * length).tolist())],
         virtual_sites=sites and [_site(table, length) for table in sites.tables],
+        fixed=system.fixed and [_fixed(table, scale("velocity")) for table in system.fixed.tables],
     )
 
 
 def _site(table: Mapping[str, Any], length: float) -> VirtualSite:
     """A virtual site, whose factor of the cross product is an inverse length."""
     return VirtualSite(**dict(table) | {"normal": np.divide(table.get("normal", 0.0), length)})
+
+
+def _fixed(table: Mapping[str, Any], speed: float) -> Fixed:
+    """Fixed particles, with their velocity converted."""
+    return Fixed(table["particles"], velocity=[v * speed for v in table.get("velocity", (0.0, 0.0, 0.0))])
 
 
 class _Scale:

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 import kickdrift as kd
+from kickdrift.analysis import pressure_tensor
 from kickdrift.errors import InputError, RunError
+from kickdrift.integrators.event_driven.spheres import spheres_of
 from kickdrift.model.starts.builders import lattice
 
 BOXES = {
@@ -172,6 +174,38 @@ def test_spheres_that_come_to_rest_are_an_error():
 
 
 BOUNCE = kd.Collision(radii=0.5, action="bounce")
+CLOSING = [kd.ReflectingWall((1, 0, 0), (-1, 0, 0), speed=0.5), kd.ReflectingWall((-1, 0, 0), (1, 0, 0))]
+NARROW = [kd.ReflectingWall((1, 0, 0), (-0.5, 0, 0)), kd.ReflectingWall((-1, 0, 0), (0.5, 0, 0))]
+
+
+@pytest.mark.parametrize("walls", [CLOSING, NARROW])
+def test_a_sphere_that_walls_squeeze_is_an_error(walls):
+    system = kd.System([[0.0, 0, 0]], [[1.0, 0, 0]], forces=walls, events=[BOUNCE])
+    with pytest.raises(RunError, match="walls squeeze them"):
+        kd.Simulation(system, "event-driven", 0.5).run(10)
+
+
+def test_many_hits_at_one_time_are_no_trouble():
+    """Rows of pairs that all meet at t = 1."""
+    rows = np.stack(np.meshgrid(*[np.arange(48) * 4.0] * 2), axis=-1).reshape(-1, 2)
+    x = np.concatenate([np.column_stack([rows + shift, 0.0 * rows[:, 0]]) for shift in ([0.0, 0], [3.0, 0])])
+    v = np.repeat([[1.0, 0, 0], [-1.0, 0, 0]], len(rows), axis=0)
+    assert kd.Simulation(kd.System(x, v, events=[BOUNCE]), "event-driven", 1.25).run(1).hits.spheres == len(rows)
+
+
+def test_a_thin_layer_has_few_cells():
+    x = np.column_stack([np.arange(1000) * 10.0, np.arange(1000) % 7 * 1000.0, np.arange(1000) % 2 * 1e-9])
+    assert np.prod(spheres_of(BOUNCE, kd.System(x, events=[BOUNCE])).cells) <= 1000
+
+
+def test_pressures_without_the_pushes_are_refused(tmp_path):
+    """A method that searches its steps does not add up pushes, and frames do not have them."""
+    system = gas(BOXES["rectangular"])
+    assert kd.Simulation(system, "leapfrog", 0.01).run(3).pressure is None
+    assert np.isnan(system.pressure())
+    kd.Simulation(system, "event-driven", 0.1).run(3, output=tmp_path / "gas.h5md")
+    with pytest.raises(InputError, match="lacks the pushes of collisions"):
+        pressure_tensor(tmp_path / "gas.h5md")
 
 
 @pytest.mark.parametrize(

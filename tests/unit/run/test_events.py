@@ -734,5 +734,10 @@ def test_a_crossing_shows_the_state_at_each_zero():
     kd.Simulation(kd.System([[1.0, 2, 3]], [[-1.0, 0, 0.5]], events=[event]), "velocity-verlet", 0.3).run(5)
     ((t, x, v),) = kept
     np.testing.assert_allclose((t, *x[0], *v[0]), (1.0, 0, 2, 3.5, -1, 0, 0.5), atol=1e-12)
+    kept.clear()
+    system = kd.System([[1.0, 2, 3]], [[-1.0, 0, 0.5]], forces=[kd.Beside(lambda t, y, bodies: y, [0.0, 1.0])])
+    event = kd.Crossing(lambda t, x, v, y: x[0, 0], "plane", seen=lambda t, x, v: kept.append((t, x, v)))
+    kd.Simulation(system.watched([event]), "velocity-verlet", 0.3).run(5)
+    assert kept[0][1].shape == kept[0][2].shape == (1, 3)  # without the unknowns
     with pytest.raises(InputError, match="seen must be callable"):
         kd.Crossing(lambda t, y: y[0], "zero", seen=3)

@@ -155,6 +155,17 @@ def test_a_body_from_a_kernel(rocks):
     np.testing.assert_allclose(ecliptic, [apart[0], c * apart[1] + s * apart[2], c * apart[2] - s * apart[1]])
 
 
+def test_the_last_segment_of_a_body_counts(tmp_path):
+    """As in SPICE, where a later segment has precedence."""
+    pytest.importorskip("jplephem")
+    still = (0.0, 0.0, 0.0)
+    old, new = ((1e8, 0.0, 0.0), still), ((2e8, 0.0, 0.0), still)
+    path = kernel(tmp_path / "twice.bsp", [(10, 0, still, still), (2000001, 0, *old), (2000001, 0, *new)])
+    system = kd.System.from_elements([SUN, from_spk(path, plane="equator")])
+    apart = system["rock"].position - system["Sun"].position
+    np.testing.assert_allclose(apart, [2e11 / AU, 0.0, 0.0], rtol=1e-12)
+
+
 def test_a_kernel_joins_bodies_over_others(rocks):
     moon = kd.System.from_elements([SUN, from_spk(rocks, target=2000002, origin=2000001, plane="equator")])
     apart = moon["rock"].position - moon["Sun"].position

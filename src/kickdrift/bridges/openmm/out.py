@@ -58,7 +58,8 @@ def parts_of(system: System) -> Parts:
     _refuse(system)
     system = system.in_units("gromacs")
     made = openmm.System()
-    for mass in system.state.masses.tolist():
+    masses = system.state.masses if system.fixed is None else system.fixed.free(system.state.masses)
+    for mass in masses.tolist():  # OpenMM leaves particles without mass in place
         made.addParticle(mass)
     topology = _topology(system)
     if system.box.periodic:
@@ -92,6 +93,8 @@ def _refuse(system: System) -> None:
     """Refuse what these forces of OpenMM do not have."""
     if system.dimensions != 3 or (system.box.periodic and not all(system.box.periodic_axes)):
         raise InputError("to_openmm: OpenMM's boxes are periodic along three axes, or open")
+    if system.fixed is not None and system.fixed.move:
+        raise InputError("to_openmm: OpenMM keeps fixed particles at rest, and those of this system move")
     for force in system.forces:
         if type(force) not in (*BONDED, Cmap, LennardJones, Coulomb, ListedPairs):
             raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")

@@ -99,7 +99,7 @@ class UnderColumns:
     """The forces of a System with further columns, for its bodies and these columns. See ``BoundForces``."""
 
     def __init__(self, system: Any) -> None:
-        self.name = system.name
+        self.name, self.fixed = system.name, getattr(system, "fixed", None)
         names = " and ".join(own.force.name for own in further(system))
         self.forces = tuple(_Bound(force, system, names) for force in system.forces)
 

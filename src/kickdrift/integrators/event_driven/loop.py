@@ -24,7 +24,8 @@ from kickdrift.model.state import Floats
 
 NOTHING, PASSAGE, WALL = -1, -2, -10  # kinds of events; a partner is 0 or more, a wall is WALL less its number
 FAR = 1e15  # edges from the origin, beyond which a place is lost
-MOST_HITS = 1000  # at one time: spheres at rest on each other would hit for ever
+MOST_HITS = 1000  # at one time, beside one for each sphere: spheres at rest on each other would hit for ever
+SAME = 1e-12  # of a step: hits so near each other are at one time
 # Places in the totals; three numbers each from PUSHED on.
 HITS, WALL_HITS, VIRIAL, TAKEN, PUSHED, TURNED, TOTALS = 0, 1, 2, 3, 4, 7, 10
 
@@ -294,15 +295,16 @@ def step(spheres, desk, y, begin, dt):
         move(desk, v, i, now)
         if kind == PASSAGE:
             passage(spheres, desk, i)
-        elif kind <= WALL:
-            bounce(spheres, desk, v, i, WALL - kind)
-        elif desk.hits[kind] == desk.known[i]:
-            move(desk, v, kind, now)
-            hit(spheres, desk, v, i, kind)
-            predict(spheres, desk, v, kind, begin)
-            again = again + 1 if now <= last else 0
+        elif kind <= WALL or desk.hits[kind] == desk.known[i]:
+            if kind <= WALL:
+                bounce(spheres, desk, v, i, WALL - kind)
+            else:
+                move(desk, v, kind, now)
+                hit(spheres, desk, v, i, kind)
+                predict(spheres, desk, v, kind, begin)
+            again = again + 1 if now <= last + SAME * dt else 0
             last = now
-            if again > MOST_HITS:
+            if again > MOST_HITS + n:
                 return STOPPED
         predict(spheres, desk, v, i, begin)
     for i in range(n):

@@ -31,6 +31,7 @@ class EventDriven(Method):
     use: str = ""
 
     family = "event-driven"
+    moves_all_because = "moves spheres from hit to hit"
     particles_only = True
     reflects = bounces = True
     float64_because = "computes the times of hits in float64"

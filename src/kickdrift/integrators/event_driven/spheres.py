@@ -52,8 +52,13 @@ def spheres_of(event: Collision, system: Any) -> Spheres:
     fractions = box.fractional(x)
     low = np.where(periodic, 0.0, fractions.min(axis=0))
     span = np.where(periodic, heights, fractions.max(axis=0) - low)
-    room = float(np.prod(span[span > 0.0])) if (span > 0.0).any() else 1.0
-    least = max(widest * WIDER, (PER_CELL * room / len(system)) ** (1.0 / max(1, int((span > 0.0).sum()))))
+    long = span > 0.0
+    while True:
+        room, axes = float(np.prod(span[long])), max(1, int(long.sum()))
+        least = max(widest * WIDER, (PER_CELL * room / len(system)) ** (1.0 / axes))
+        if not (long & (span < least)).any():
+            break
+        long &= span >= least  # a thin layer has one cell across
     cells = np.maximum(1, np.minimum(span / least, len(system)).astype(np.int64))
     width = np.where(periodic, 1.0, np.where(span > 0.0, span, 1.0)) / cells
     normals = np.array([unit(wall) for wall in walls]).reshape(-1, 3)

@@ -37,7 +37,7 @@ class EventDrivenStepper(FixedStepper):
         system: Any = flow.subject
         spheres = spheres_of(system.events[0], system)
         desk = desk_of(spheres)
-        flow.hits = True  # type: ignore[union-attr]
+        flow.count_hits()  # type: ignore[union-attr]
         self._totals, self._losing = desk.totals, bool(system.forces) or spheres.restitution != (1.0, 0.0, 0.0)
         super().__init__(flow, hits_loop, (spheres, desk), lambda shape: np.zeros((0, *shape[1:])), options, kept=False)
 
@@ -52,8 +52,8 @@ class EventDrivenStepper(FixedStepper):
         status = super().advance(steps, until)
         if status == STOPPED:
             self.trouble = (
-                "more than 1000 hits at one time: spheres come to rest on each other, which bounces cannot describe; "
-                "elastic_below is a speed under which bounces are elastic"
+                "too many hits at one time: spheres come to rest on each other, or walls squeeze them, which bounces "
+                "cannot describe; elastic_below is a speed under which bounces are elastic"
             )
         return status
 

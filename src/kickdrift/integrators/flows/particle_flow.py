@@ -219,6 +219,11 @@ class ParticleFlow(ParticleStates):
         """Take temperatures of samples as a heat bath does, which may change the total momentum."""
         self._desk[:HEAD] = desk_of(self.subject, True, drags)[:HEAD]
 
+    def count_hits(self) -> None:
+        """Give samples the pressure of the motion, to which the method adds that of the hits since the look before."""
+        self.hits = True
+        self._desk[:HEAD] = desk_of(self.subject, hits=True)[:HEAD]
+
     @unwarned
     def tune(self, y: Floats, between: float) -> None:
         """Adapt pair lists to the particles' speed at y, with this time between two evaluations of the forces."""

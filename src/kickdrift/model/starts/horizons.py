@@ -152,7 +152,8 @@ def _way(segments: list[Any], body: int, day: float) -> Iterator[tuple[int, Floa
         own = [each for each in segments if each.target == body]
         if not own:
             return
-        fits = next((each for each in own if each.start_jd <= day <= each.end_jd), None)
+        # a later segment has precedence, as in SPICE
+        fits = next((each for each in reversed(own) if each.start_jd <= day <= each.end_jd), None)
         if fits is None:
             spans = " and ".join(f"{calendar(each.start_jd)} to {calendar(each.end_jd)}" for each in own)
             raise InputError(f"date: the kernel has {body} from {spans}, got {calendar(day)}")

@@ -233,7 +233,7 @@ class Crossings(Checkpointed):
                 distance = separation(span.inside(time), *rows) if rows else math.nan
                 if event.seen is not None:
                     y = self._turned(span.inside(time))
-                    event.seen(time, *((y[0], y[1]) if self._bodies_move else (y,)))
+                    event.seen(time, *(self._of_bodies(y)[:2] if self._bodies_move else (y,)))
                 found.append((time, entry(self._subject, event.kind, time, span.step, rows or (), distance, "logged")))
         self._fresh = True
         self._keep()
