@@ -105,7 +105,7 @@ def other(name: str, few: bool) -> kd.System:
         return crystal(force, few)
     if force.stands_for == kd.Gravity.stands_for:
         return disc([force], few)
-    if "G" in inspect.signature(FORCES[name]).parameters:
+    if "G" in inspect.signature(FORCES[name]).parameters or name == "beside":  # unknowns go with gravity alone
         return disc([kd.Gravity(G=1.0), force], few)
     return liquid([kd.LennardJones(cutoff=2.5), force], periodic=False, few=few)
 

@@ -179,7 +179,7 @@ class Law(NamedTuple):
 
 def test_users_laws_are_foreign():
     for species in (["A", "A"], ["A", "B"]):
-        force = Law(a=1.0, cutoff=2.0, species={"A": {}, "B": {}}, pairs={("A", "B"): {"a": 2.0}})
+        force = Law(a=1.0, cutoff=2.0, species={each: {} for each in species}, pairs={tuple(species): {"a": 2.0}})
         system = System(np.eye(3)[:2], forces=[force], species=species)
         sources = Sources()
         sources.add_type(typeof(BoundForces(system).forces[0].parts))

@@ -35,6 +35,7 @@ class EventDriven(Method):
     particles_only = True
     reflects = bounces = True
     float64_because = "computes the times of hits in float64"
+    moves_all_because = "lets every sphere fly from hit to hit"
     declared = ()
 
     def check(self, system: System) -> None:
