@@ -166,6 +166,14 @@ def test_the_last_segment_of_a_body_counts(tmp_path):
     np.testing.assert_allclose(apart, [2e11 / AU, 0.0, 0.0], rtol=1e-12)
 
 
+def test_a_kernel_whose_records_form_a_circle_is_refused(rocks):
+    data = bytearray(rocks.read_bytes())
+    data[1024:1032] = struct.pack("<d", 2.0)  # the record after the only one is this one
+    rocks.write_bytes(data)
+    with pytest.raises(InputError, match="form a circle"):
+        kd.System.from_elements([SUN, from_spk(rocks)])
+
+
 def test_a_kernel_joins_bodies_over_others(rocks):
     moon = kd.System.from_elements([SUN, from_spk(rocks, target=2000002, origin=2000001, plane="equator")])
     apart = moon["rock"].position - moon["Sun"].position

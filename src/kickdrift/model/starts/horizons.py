@@ -5,6 +5,7 @@ astroquery and a network. A kernel is read by jplephem, without a network: pip i
 """
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -101,13 +102,13 @@ def from_kernel(path: Path, target: int, date: Any, plane: str = "ecliptic", ori
     """
     day = _day(date, plane)
     try:
-        from jplephem.spk import SPK
+        import jplephem.spk  # noqa: F401
     except ImportError:
         raise InputError(f"spk: reading a kernel needs jplephem: {INSTALL}") from None
-    if not path.is_file():
+    if not os.path.isfile(path):  # Path.is_file raises for long names
         raise InputError(f"spk: there is no file {path}")
     with _read(path):
-        kernel = SPK.open(str(path))
+        kernel = _opened(path)
     try:
         with _read(path):
             segments = list(kernel.segments)
@@ -119,6 +120,26 @@ def from_kernel(path: Path, target: int, date: Any, plane: str = "ecliptic", ori
         state = state @ np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]).T
     positions = state * 1e3 / AU
     return Found(positions[0], positions[1] * (YEAR / DAY), _said(f"{path.name}, {target}", day, plane, origin))
+
+
+def _opened(path: Path) -> Any:
+    """The kernel. Raises ValueError if its records of segments form a circle, which jplephem would follow for ever."""
+    from jplephem.daf import DAF
+    from jplephem.spk import SPK
+
+    file = path.open("rb")
+    try:
+        records, seen = DAF(file), set[int]()
+        record = int(records.fward)
+        while record:
+            if record in seen:
+                raise ValueError("its records of segments form a circle")
+            seen.add(record)
+            record = int(records.summary_control_struct.unpack(records.read_record(record)[:24])[0])
+        return SPK(records)
+    except BaseException:
+        file.close()
+        raise
 
 
 @contextmanager
