@@ -94,6 +94,8 @@ def _refusal(system: System) -> str | None:
         return f"units {system.units.name!r}: expected {', '.join((*UNITS, *CONVERTED))}"
     if system.virtual_sites is not None:
         return "virtual sites: LAMMPS has none in general; its styles of tip4p place their own"
+    if any(event.kind == "collision" for event in system.events):
+        return "event 'collision': LAMMPS' particles would pass through each other"
     if system.fixed is not None:
         return "fixed particles: the input would move them; hold them there by fix setforce"
     if (system.state.masses <= 0).any():

@@ -294,9 +294,8 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str, folder: Path) ->
         raise InputError(f"{path}.type: required key is missing; expected one of {choices(FORCES)}")
     name = given["type"]
     if not isinstance(name, str) or name not in FORCES:
-        hint = (
-            other_name("force", name) or suggestion(name, FORCES) or "; a force of your own comes with --load FILE.py"
-        )
+        own = "; a force of your own comes with --load FILE.py"
+        hint = other_name("force", name) or f"{own}{suggestion(name, FORCES)}"
         raise InputError(f"{path}.type: expected one of {choices(FORCES, name)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = schema.force_parameters(cls, given, units, path)

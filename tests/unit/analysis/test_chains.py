@@ -75,3 +75,8 @@ def test_what_is_no_set_of_equal_chains_is_refused(tmp_path):
     kd.Simulation(kd.load("two-body"), "leapfrog", 0.01).run(4, every=2, output=tmp_path / "none.h5md")
     with pytest.raises(InputError, match="expected a run with bonds"):
         chain_statistics(tmp_path / "none.h5md")
+
+
+def test_a_frame_alone_is_refused():
+    with pytest.raises(InputError, match="chains: expected a run, its path, or some of its frames, got System"):
+        kd.analysis.chain_statistics(kd.load("kremer-grest-1000"))

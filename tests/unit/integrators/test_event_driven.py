@@ -234,3 +234,12 @@ def test_a_wall_that_moves_needs_the_method():
     system = kd.System([[0.0, 0, 1.0]], forces=[kd.ReflectingWall((0, 0, 1), speed=0.1)])
     with pytest.raises(InputError, match="moves or loses energy needs the integrator 'event-driven'"):
         kd.Simulation(system, "velocity-verlet", 0.1)
+
+
+def test_other_programs_and_comparisons_refuse_hard_spheres(tmp_path):
+    system = kd.load("hard-spheres-256")
+    with pytest.raises(InputError, match="compare: 'hard-spheres-256' moves by its hits alone"):
+        kd.compare(system, time=1.0)
+    with pytest.raises(InputError, match="to_lammps: event 'collision': LAMMPS' particles would pass"):
+        system.to_lammps(tmp_path / "in.spheres")
+    assert not list(tmp_path.iterdir())

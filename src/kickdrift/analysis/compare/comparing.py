@@ -116,6 +116,8 @@ def compared(
     options = in_units(options, [DT, *known_options().values()], units)
     work.check_arguments(pilot, whole, accuracy, threads)
     if isinstance(subject, System):
+        if subject.events and not subject.forces:
+            raise InputError(f"compare: {subject.name!r} moves by its hits alone, and a comparison follows no events")
         subject = subject.watched(())  # every method and step is compared with one reference trajectory
     if isinstance(subject, System) and have_baths(integrators):
         longest = options.pop(DT.name, None)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def chain_statistics(run: Frames | str | os.PathLike[str]) -> ChainStatistics:
     InputError
         Without bonds, for rings and branches, and for chains of unlike lengths.
     """
-    found = vectors_of(run, "positions")
+    found = _positions(run)
     order = _order(found)
     masses = found.masses[order]
     rows = np.array([_sizes(bonds, masses) for bonds in _bonds(found, order)])
@@ -77,13 +77,19 @@ def chain_statistics(run: Frames | str | os.PathLike[str]) -> ChainStatistics:
     )
 
 
+def _positions(run: Any) -> Vectors:
+    if not isinstance(run, Frames | str | os.PathLike):
+        raise InputError(f"chains: expected a run, its path, or some of its frames, got {type(run).__name__}")
+    return vectors_of(run, "positions")
+
+
 def chain_diffusion(run: Frames | str | os.PathLike[str], lags: int | None = None) -> MeanSquaredDisplacement:
     """Mean squared displacement of the chains' centres of mass; its ``diffusion()`` is the chains' D.
 
     A motion of the centre of mass of all particles counts. Errors and ``lags`` are those of
     `mean_squared_displacement`. Raises InputError as `chain_statistics` does, and for a box that a barostat changes.
     """
-    found = vectors_of(run, "positions")
+    found = _positions(run)
     if found.box_varies:
         raise InputError("chain_diffusion: the box varies, and the centres would scale with it; run at constant volume")
     order = _order(found)
