@@ -124,7 +124,7 @@ def test_system_files(values, hint, kickdrift, tmp_path, monkeypatch):
         (["--nsteps", "5"], "nsteps is 'steps' here"),
         (["--tmax", "5"], "tmax is 'time' here"),
         (["-o", "tolerance=1e-3"], "tolerance is 'rtol' here"),
-        (["--integrator", "eos"], "is not there yet"),
+        (["--integrator", "janus"], "rebound's janus is not there"),
         (["--engine", "gromacs"], "kickdrift export writes frames for gromacs"),
     ],
 )

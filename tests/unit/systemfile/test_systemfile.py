@@ -242,7 +242,7 @@ BAD = [
     ),
     (GOOD, '"lj"', "3", "units: expected one of lj, metal, real, gromacs, si, astro, nbody, got 3"),
     (GOOD, '"lj"', "[1]", "units: expected one of lj, metal, real, gromacs, si, astro, nbody, got [1]"),
-    (GOOD, "[box]", "[bx]", "bx: unknown key; did you mean 'box'? (known: units, title,"),
+    (GOOD, "[box]", "[bx]", "bx: unknown key; did you mean 'box'? (known: box, …"),
     (GOOD, "[particles]", "[particle]", "particle: unknown key; did you mean 'particles'?"),
     (GOOD, "count", "cuont", "particles.cuont: unknown key; did you mean 'count'?"),
     (GOOD, "count = 216", "", "particles.count: required key is missing"),

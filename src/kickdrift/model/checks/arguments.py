@@ -22,7 +22,9 @@ MANY_BODY = (
     "{word} is not there; the many-body forces are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any "
     "calculator of ASE"
 )
-MOLECULES = "force fields of molecules are not there yet; charges and the terms of bonds are: docs/molecules.md"
+MOLECULES = (
+    "files of AMBER, GROMACS and CHARMM, and a .pdb with a force field, load through OpenMM: docs/bring-your-system.md"
+)
 FORMULA = "{word} is not shipped; kd.pair_law makes the force from its formula, and --load FILE.py brings it"
 LIQUIDS = "{word} is no engine yet; 'lammps' and 'openmm' are"
 STARS = "{word} is no engine yet; 'rebound' is"
@@ -41,7 +43,6 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("saba1064 saba864 saba4 saba2 saba(10,6,4) saba(8,6,4)", "{word} is 'saba' here, with its option order"),
         ("mercurius hybrid symba mercury6-hybrid reb-trace", "{word} is 'trace' here"),
         ("janus", "rebound's janus is not there; 'leapfrog-exact' also comes back bit by bit"),
-        ("eos", "rebound's {word} is not there yet"),
         ("symplectic-epicycle epicycle shearing-sheet", "{word} is 'sei' here, with the force hill"),
         (
             "bs bulirsch-stoer gbs odex taylor heyoka",
@@ -118,7 +119,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("born born-mayer", "{word} is 'born-mayer-huggins' here"),
         ("screened-coulomb", "{word} is 'yukawa' here"),
         ("soft-sphere inverse-power", FORMULA),
-        ("table tabulated", "tables of numbers are not there yet; kd.pair_law makes a pair force from a formula"),
+        ("table", "{word} is 'tabulated' here"),
         ("dpd", f"{FORMULA}, but random forces are not there yet"),
         ("newton newtonian gravitation nbody n-body point-mass", "{word} is 'gravity' here"),
         ("tree barnes-hut bh treecode octree fmm", "{word} is 'gravity-tree' here"),
