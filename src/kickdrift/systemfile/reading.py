@@ -289,13 +289,16 @@ def _note_unused_seed() -> None:
     warn("seed: this system draws nothing at random, so the seed has no effect", stacklevel=5)
 
 
+SHORT = 5  # letters: a shorter word is near to many
+
+
 def _force(given: dict[str, Any], units: UnitSystem, path: str, folder: Path) -> Any:
     if "type" not in given:
         raise InputError(f"{path}.type: required key is missing; expected one of {choices(FORCES)}")
     name = given["type"]
     if not isinstance(name, str) or name not in FORCES:
-        own = "; a force of your own comes with --load FILE.py"
-        hint = other_name("force", name) or f"{own}{suggestion(name, FORCES)}"
+        near, own = suggestion(name, FORCES), "; a force of your own comes with --load FILE.py"
+        hint = other_name("force", name) or (near if near and len(name) > SHORT else own + near)
         raise InputError(f"{path}.type: expected one of {choices(FORCES, name)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = schema.force_parameters(cls, given, units, path)
