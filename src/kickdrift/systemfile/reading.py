@@ -298,7 +298,7 @@ def _force(given: dict[str, Any], units: UnitSystem, path: str, folder: Path) ->
     name = given["type"]
     if not isinstance(name, str) or name not in FORCES:
         near, own = suggestion(name, FORCES), "; a force of your own comes with --load FILE.py"
-        hint = other_name("force", name) or (near if near and len(name) > SHORT else own + near)
+        hint = other_name("force", name) or (near if near and len(str(name)) > SHORT else own + near)
         raise InputError(f"{path}.type: expected one of {choices(FORCES, name)}, got {shown(name)}{hint}")
     cls: Any = FORCES[name]
     parameters = schema.force_parameters(cls, given, units, path)
