@@ -15,7 +15,7 @@ import kickdrift as kd
 from kickdrift import forces
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
-from kickdrift.forces.around.spins import UnderSpins, spinning
+from kickdrift.forces.beside.columns import bound_under
 from kickdrift.forces.bonded.law import BondedForce
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.many_body.base import ManyBodyForce
@@ -166,7 +166,7 @@ def test_a_force_has_its_slope_or_says_that_it_has_none(name):
 @pytest.mark.parametrize("name", shortened(SHIPPED, [*UNDIFFERENTIATED, "linear-drag"]))
 def test_a_system_tells_energy_forces_and_pressure_in_one_line(name):
     system = one_of(name)
-    bound = BoundForces(UnderSpins(system) if spinning(system) else system)
+    bound = BoundForces(bound_under(system))
     y = flow_of(system, 1, jumps=True).array(system.state)
     found = bound.measure(system.state.time, y)
     n = len(system)
