@@ -52,6 +52,8 @@ def to_lammps(system: System, path: str | os.PathLike[str], overwrite: bool = Fa
     given = Path(path)
     target = given / f"in.{_plain(system.name)}" if given.is_dir() else given
     name = _plain(target.name.removeprefix("in.") if target.name.startswith("in.") else target.stem)
+    if target.name == f"{name}.data":
+        raise InputError(f"to_lammps: {target}: is the name of the data file beside the input; take in.{name}")
     if system.units.name in CONVERTED:
         system = system.in_units(CONVERTED[system.units.name])
     if reason := _refusal(system):
@@ -94,6 +96,8 @@ def _refusal(system: System) -> str | None:
         return f"units {system.units.name!r}: expected {', '.join((*UNITS, *CONVERTED))}"
     if system.virtual_sites is not None:
         return "virtual sites: LAMMPS has none in general; its styles of tip4p place their own"
+    if system.fixed is not None:
+        return "fixed particles: the input would move them; take them out, and leave them out of the fixes there"
     if (system.state.masses <= 0).any():
         return f"{system.body(int(np.argmin(system.state.masses)))} has no mass, and LAMMPS needs one"
     if any(isinstance(force, Restraint) for force in system.forces):

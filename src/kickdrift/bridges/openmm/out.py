@@ -92,6 +92,8 @@ def _refuse(system: System) -> None:
     """Refuse what these forces of OpenMM do not have."""
     if system.dimensions != 3 or (system.box.periodic and not all(system.box.periodic_axes)):
         raise InputError("to_openmm: OpenMM's boxes are periodic along three axes, or open")
+    if system.fixed is not None:
+        raise InputError("to_openmm: fixed particles stay behind; take them out, and set their masses in OpenMM to 0")
     for force in system.forces:
         if type(force) not in (*BONDED, Cmap, LennardJones, Coulomb, ListedPairs):
             raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")
