@@ -10,6 +10,7 @@ from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.pairs.lennard_jones import LennardJones
 from kickdrift.forces.pairs.lists import with_room
 from kickdrift.forces.seam.group import ListedForce
+from kickdrift.forces.tables.given import Tables
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.options import Options
@@ -78,10 +79,10 @@ def page_system(path: str) -> System:
         raise InputError(f"page {shown(path)}: has {len(system):,} particles; a page holds {MOST:,}")
     if system.run is None or system.run.dt is None:
         raise InputError(f"page {shown(path)}: needs dt in its [run]")
-    if reason := system.tied_by or (system.events and "events") or (system.stages and "stages"):
+    if reason := system.held_by or (system.events and "events") or (system.stages and "stages"):
         raise InputError(f"page {shown(path)}: has {reason}, which a page cannot hold")
     for force in system.forces:
-        listed = isinstance(force, ListedForce) and not isinstance(force, PairForce)
+        listed = isinstance(force, Tables) or (isinstance(force, ListedForce) and not isinstance(force, PairForce))
         if listed or not (isinstance(force, PairForce | Gravity) or hasattr(force, "law")):
             raise InputError(
                 f"page {shown(path)}: force {force.name!r} stays outside; a page holds pair laws, gravity and laws of "
