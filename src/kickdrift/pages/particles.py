@@ -48,7 +48,7 @@ def system_runs(path: str, module: Module) -> dict[str, Any]:
     assert system.run is not None
     names = dict.fromkeys([system.run.integrator or OTHERS[0], *OTHERS])
     methods: dict[str, dict[str, float]] = {each: {} for each in names if _kept(each)}
-    if system.box.periodic and (warmth := _temperature(system)):
+    if system.box.periodic and system.degrees_of_freedom and (warmth := _temperature(system)):
         methods["baoab"] = {"temperature": warmth, "friction": 0.01 / _step(system)}
     return _runs(module, system, methods)
 

@@ -194,7 +194,7 @@ def unused_warnings(system: Any) -> list[str]:
     nobody gave, and of particles without any force."""
     if not isinstance(system, System):
         return []
-    if not system.forces and len(system) > 1:
+    if not system.forces and not system.events and len(system) > 1:
         return ["no force acts; give force_field (--force-field) for a .pdb or .cif, or forces in a system file"]
     pairs = [force for force in system.forces if isinstance(force, PairForce)]
     found = [told for force in pairs if (told := _pairs_left_out(force, system))]
