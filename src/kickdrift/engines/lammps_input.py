@@ -52,6 +52,8 @@ def to_lammps(system: System, path: str | os.PathLike[str], overwrite: bool = Fa
     given = Path(path)
     target = given / f"in.{_plain(system.name)}" if given.is_dir() else given
     name = _plain(target.name.removeprefix("in.") if target.name.startswith("in.") else target.stem)
+    if target.name == f"{name}.data":
+        raise InputError(f"to_lammps: {target}: is the name of the data file beside the input; take in.{name}")
     if system.units.name in CONVERTED:
         system = system.in_units(CONVERTED[system.units.name])
     if reason := _refusal(system):

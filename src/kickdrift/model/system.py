@@ -436,13 +436,15 @@ class System(Bridged, MeasuredSystem, ShownSystem):
     def in_units(self, units: str) -> System:
         """Return the same system in other units: metal, real or gromacs, which convert into one another.
 
-        Positions, velocities, masses, box, parameters of forces, constraints and defaults of a run are converted.
+        Positions, velocities, masses, box, time, parameters of forces, constraints, fixed particles, stages and
+        defaults of a run are converted. The known invariants stay behind.
         Coulomb's constant and Boltzmann's are those of the new units, which agree to rounding.
 
         Raises
         ------
         InputError
-            For other units, events, and forces whose numbers are of one unit system, such as a many-body potential.
+            For other units, events, and forces whose numbers are of one unit system, such as a many-body potential or
+            a function of your own.
         """
         made: System = SYSTEM_FILES["in_units"](self, units)
         return made

@@ -10,6 +10,7 @@ from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.pairs.lennard_jones import LennardJones
 from kickdrift.forces.pairs.lists import with_room
 from kickdrift.forces.seam.group import ListedForce
+from kickdrift.forces.tables.given import Tables
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.options import Options
@@ -47,7 +48,7 @@ def system_runs(path: str, module: Module) -> dict[str, Any]:
     assert system.run is not None
     names = dict.fromkeys([system.run.integrator or OTHERS[0], *OTHERS])
     methods: dict[str, dict[str, float]] = {each: {} for each in names if _kept(each)}
-    if system.box.periodic and (warmth := _temperature(system)):
+    if system.box.periodic and system.degrees_of_freedom and (warmth := _temperature(system)):
         methods["baoab"] = {"temperature": warmth, "friction": 0.01 / _step(system)}
     return _runs(module, system, methods)
 
@@ -81,7 +82,7 @@ def page_system(path: str) -> System:
     if reason := system.held_by or (system.events and "events") or (system.stages and "stages"):
         raise InputError(f"page {shown(path)}: has {reason}, which a page cannot hold")
     for force in system.forces:
-        listed = isinstance(force, ListedForce) and not isinstance(force, PairForce)
+        listed = isinstance(force, Tables) or (isinstance(force, ListedForce) and not isinstance(force, PairForce))
         if listed or not (isinstance(force, PairForce | Gravity) or hasattr(force, "law")):
             raise InputError(
                 f"page {shown(path)}: force {force.name!r} stays outside; a page holds pair laws, gravity and laws of "

@@ -12,7 +12,7 @@ from kickdrift.forces import EmbeddedAtom
 from kickdrift.plots.drawing import COLOURS, Figure, checked_target, legend, new_axes, new_figure, save_figure
 
 STYLES = ("-", "--", ":", "-.")
-ROOM = 3.0  # energies up to this many times the depth above zero are drawn
+ROOM = 3.0  # energies up to the depth of the crystal over this, above zero, are drawn
 
 
 def plot_potential(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:

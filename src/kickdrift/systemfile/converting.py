@@ -13,18 +13,22 @@ from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
 from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.tables.given import Tables
 from kickdrift.integrators.asked import known_options
 from kickdrift.model.box.box import Box
 from kickdrift.model.fixed import Fixed
 from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.virtual_sites import VirtualSite
-from kickdrift.model.run_defaults import RunDefaults
+from kickdrift.model.run_defaults import Equilibration, RunDefaults
+from kickdrift.model.stages import Stage
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import quantity
 from kickdrift.model.units.unit_systems import UnitSystem, powers, unit_system
 
 MOLECULAR = ("metal", "real", "gromacs")  # unit systems with elementary charges, which convert into one another
 TIMES = ("dt", "time", "interval", "times")
+MINIMUM = {"force": "force", "max_displacement": "length"}  # of a stage's ``minimize``
+FUNCTIONS = ("lammps", "python", "beside")  # forces with numbers that kickdrift does not see
 BASES = {"L": ("angstrom", "length"), "T": ("ps", "time"), "M": ("u", "mass"), "E": ("eV", "energy")}
 
 
@@ -41,8 +45,8 @@ def in_units(system: System, name: str) -> System:
     length = scale("length")
     state, box = system.state, system.box
     species = [system.species[k] for k in system.species_index]
-    held, sites = system.constraints, system.virtual_sites
-    return System(
+    held, sites, fixed, run_in = system.constraints, system.virtual_sites, system.fixed, system.equilibration
+    made = System(
         state.positions * length,
         state.velocities * scale("velocity"),
         state.masses * scale("mass"),
@@ -52,6 +56,8 @@ def in_units(system: System, name: str) -> System:
         species,
         system.name,
         RunDefaults(**_run(system.run.said(), scale)),
+        run_in and Equilibration.of(_run(run_in.said(), scale) | {"interval": run_in.interval}),
+        seed=system.seed,
         names=system.names,
         radii=None if system.radii is None else system.radii * length,
         dimensions=system.dimensions,
@@ -59,8 +65,10 @@ def in_units(system: System, name: str) -> System:
         charges=system.charges,
         constraints=held and [Constraint(pairs=held.pairs.tolist(), distance=(held.lengths * length).tolist())],
         virtual_sites=sites and [_site(table, length) for table in sites.tables],
-        fixed=system.fixed and [_fixed(table, scale("velocity")) for table in system.fixed.tables],
+        stages=[_stage(each, scale) for each in system.stages],
+        fixed=fixed and [Fixed(**_value(table, "", {"velocity": "velocity"}, scale)) for table in fixed.tables],
     )
+    return made.at(made.state.phase, state.time * scale("time"), state.steps_done, state.ids)
 
 
 def _site(table: Mapping[str, Any], length: float) -> VirtualSite:
@@ -68,9 +76,10 @@ def _site(table: Mapping[str, Any], length: float) -> VirtualSite:
     return VirtualSite(**dict(table) | {"normal": np.divide(table.get("normal", 0.0), length)})
 
 
-def _fixed(table: Mapping[str, Any], speed: float) -> Fixed:
-    """Fixed particles, with their velocity converted."""
-    return Fixed(table["particles"], velocity=[v * speed for v in table.get("velocity", (0.0, 0.0, 0.0))])
+def _stage(stage: Stage, scale: _Scale) -> Stage:
+    """A stage of a protocol with its numbers converted."""
+    minimize = None if stage.minimize is None else _value(stage.minimize, "", MINIMUM, scale)
+    return Stage(stage.name, keep=stage.keep, minimize=minimize, inherit=stage.inherit, **_run(stage.run, scale))
 
 
 class _Scale:
@@ -91,12 +100,14 @@ def _force(force: Any, scale: _Scale) -> Any:
     cls = type(force)
     if FORCES.get(getattr(cls, "name", "")) is not cls or not cls.__module__.startswith("kickdrift."):
         raise InputError(f"in_units: force {force.name!r}: kickdrift does not know the units of its parameters")
-    if isinstance(force, ManyBodyForce) or not hasattr(cls, "dimensions") or force.name in ("lammps", "calculator"):
+    if isinstance(force, ManyBodyForce) or not hasattr(cls, "dimensions") or force.name in FUNCTIONS:
         raise InputError(f"in_units: force {force.name!r}: its numbers are of one unit system alone")
     dimensions: Mapping[str, str] = cls.dimensions
     if isinstance(force, PairForce):
         dimensions = dict(dimensions) | {"cutoff": "length", "switch_start": "length"}
     given = {key: _value(getattr(force, key), key, dimensions, scale) for key in signature(cls).parameters}
+    if isinstance(force, Tables):  # whose numbers are of the old units, unless the user says others
+        given |= {key: given[key] or scale(dimensions[key]) for key in cls.units_of}
     return cls(**given)
 
 

@@ -396,6 +396,7 @@ def test_what_openmm_lacks_is_named(alanine):
     ours = kd.System.from_openmm(built(topology, "amber14-all.xml"), topology, x)
     for system, match in (
         (kd.load("lj-1000"), "to_openmm: units 'lj'"),
+        (ours.with_fixed(kd.Fixed(0, velocity=[0.1, 0, 0])), "to_openmm: OpenMM keeps fixed particles at rest"),
         (ours.with_forces(*ours.forces, kd.HarmonicTrap(1.0)), "to_openmm: force 'harmonic-trap' has no counterpart"),
         (ours.with_forces(kd.LennardJones(cutoff=1.0)), 'lennard-jones: OpenMM has truncation "cut"'),
         (ours.with_forces(kd.LennardJones(cutoff=1.0, truncation="cut"), kd.Coulomb("direct")), "one cutoff for both"),

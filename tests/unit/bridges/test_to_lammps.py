@@ -5,6 +5,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.model.run_defaults import Equilibration
 
 BOTH = [1.0, -1.0]
 
@@ -156,6 +157,26 @@ def test_other_units_have_the_same_energies():
             other.in_units("real")
 
 
+def test_what_a_run_needs_goes_into_other_units():
+    r = np.linspace(3.0, 9.0, 200)
+    table = kd.Tabulated(table=[*zip(r, 40.0 * r**-6, strict=True)])
+    x = 10.0 + 4.0 * np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+    system = kd.System(
+        x, masses=40.0, box=[40.0] * 3, forces=[table], units="metal", seed=5,
+        stages=[kd.Stage("still", minimize={"force": 1.0}), kd.Stage("warm", dt=0.002, steps=3)],
+        fixed=[kd.Fixed(2, velocity=(1.0, 0.0, 2.0))],
+    ).with_equilibration(Equilibration(300.0, time=2.0, interval=7))  # fmt: skip
+    found = system.in_units("real")
+    assert found.energy().potential == pytest.approx(23.06054783 * system.energy().potential, rel=1e-8)
+    assert found.fixed.tables == [{"particles": [2], "velocity": pytest.approx([1e-3, 0.0, 2e-3])}]
+    assert found.stages[0].minimize == {"force": pytest.approx(23.06054783)}
+    assert found.stages[1].run == {"dt": pytest.approx(2.0), "steps": 3}
+    assert (found.equilibration.time, found.equilibration.interval, found.seed) == (pytest.approx(2000.0), 7, 5)
+    own = system.with_forces(kd.PythonForce(lambda x, v, m, t: (0.0 * x, 0.0)))
+    with pytest.raises(kd.InputError, match="in_units: force 'python': its numbers are of one unit system alone"):
+        own.in_units("gromacs")
+
+
 def test_a_run_goes_along(tmp_path):
     run = {"integrator": "baoab", "dt": 0.003, "temperature": 1.1, "friction": 0.5, "steps": 10}
     system = box([kd.LennardJones()]).with_run(**run)
@@ -176,13 +197,20 @@ def refused():
     yield twice, r"constraints: harmonic-bond acts on the rigid \[0, 1\]"
     far = box([pair], topology=kd.Topology([(0, 1)], exclusions=[(0, 9)]))
     yield far, r"topology: LAMMPS scales pairs one to three bonds apart, and this one leaves out \[0, 9\]"
+    yield box([pair]).with_fixed(kd.Fixed(0)), "fixed particles: the input would move them"
 
 
-@pytest.mark.parametrize("k", range(8))
+@pytest.mark.parametrize("k", range(9))
 def test_what_lammps_lacks_is_named(k, tmp_path):
     system, problem = list(refused())[k]
     with pytest.raises(kd.InputError, match=f"to_lammps: {problem}"):
         system.to_lammps(tmp_path / "in.case")
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_input_has_another_name_than_its_data(tmp_path):
+    with pytest.raises(kd.InputError, match=r"case\.data: is the name of the data file beside the input; take in"):
+        box([kd.LennardJones()]).to_lammps(tmp_path / "case.data")
     assert not list(tmp_path.iterdir())
 
 

@@ -154,6 +154,10 @@ BAD = {
     "tail": ({"table": rows(), "tail": True, "truncation": "cut"}, r"tail: a table says nothing beyond its end"),
     "unit": ({"table": rows(), "length_unit": -1.0}, r"length_unit must be positive, got -1.0"),
     "digest": ({"table": rows(), "digest": "ab"}, r"the table has changed"),
+    "keyword": ({"file": "a", "keyword": ["ONE"]}, r"keyword: expected text, got \['ONE'\]"),
+    "factor": ({"table": rows(), "c6": 2.0}, r"c6 goes with file"),
+    "nested": ({"table": [(1, [2]), *rows()]}, r"table: expected rows of two or three numbers"),
+    "far": ({"table": rows(), "length_unit": 1e300}, r"r goes to 2.5e\+300; expected between 1e-60 and 1e\+60"),
 }
 
 
@@ -178,6 +182,8 @@ CUT = {
     "flag": (ONE.replace("N 4000", "N 4000 RSK 1 2"), r"unknown word 'RSK'"),
     "flags": (ONE.replace("N 4000", "N 4000 R 1"), r"R takes 2 numbers, and the line ends after 1"),
     "empty": ("", r"expected rows of two or three numbers"),
+    "endless": (ONE.replace("N 4000", "N inf"), r"N must be a number of rows, got inf"),
+    "beyond": (ONE.replace("N 4000", "N 4000 RSQ 1 1e300"), r"row \d+: the r is (inf|nan); expected a finite number"),
 }
 
 
@@ -193,6 +199,29 @@ def test_a_bad_file_is_refused(name, tmp_path):
 
 def two(force: object, apart: float, **given: object) -> kd.System:
     return kd.System([[0.0, 0.0, 0.0], [apart, 0.0, 0.0]], masses=1.0, forces=[force], **{"units": "lj", **given})
+
+
+def test_a_table_of_angles_in_other_units(tmp_path):
+    angles = np.linspace(0.0, 180.0, 91)
+    np.savetxt(tmp_path / "a.xvg", np.column_stack([angles, 1e-3 * (angles - 100.0) ** 2, -2e-3 * (angles - 100.0)]))
+    topology = kd.Topology([(0, 1), (1, 2)], angles=[(0, 1, 2)])
+
+    def bent(units: str, **given: object) -> kd.System:
+        force = kd.TabulatedAngle(str(tmp_path / "a.xvg"), **given)
+        x = [[1.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+        return kd.System(x, masses=1.0, forces=[force], units=units, topology=topology)
+
+    with pytest.raises(InputError, match=r"has units 'real'; energy_unit says how large one unit of the table is"):
+        bent("real")
+    real, gromacs = bent("real", energy_unit="1 kJ/mol"), bent("gromacs")
+    assert gromacs.energy().potential == pytest.approx(0.1, rel=1e-9)
+    assert real.energy().potential == pytest.approx(0.1 / 4.184, rel=1e-9)
+    assert gromacs.in_units("real").energy().potential == pytest.approx(0.1 / 4.184, rel=1e-9)
+
+
+def test_the_rows_of_a_table_are_counted_not_shown():
+    force = kd.Tabulated(pairs={("A", "B"): {"table": rows()}})
+    assert repr(force) == "Tabulated(cutoff=2.5, pairs={('A', 'B'): {'table': (400 rows)}})"
 
 
 def test_what_a_system_refuses(tmp_path):

@@ -52,6 +52,18 @@ WRONG = {
 }
 
 
+def test_a_page_holds_no_fixed_particles_and_no_tables(tmp_path):
+    path = tmp_path / "own.toml"
+    for force, more, reason in (
+        (kd.LennardJones(), {"fixed": [kd.Fixed(0)]}, "has fixed particles, which a page cannot hold"),
+        (kd.Tabulated.of(kd.LennardJones(), points=50), {}, "force 'tabulated' stays outside"),
+    ):
+        system = kd.System([[1.0, 1, 1], [2.5, 1, 1]], box=[8.0] * 3, forces=[force], **more)
+        path.write_text(system.with_run(dt=0.01).to_toml(), encoding="utf-8")
+        with pytest.raises(InputError, match=reason):
+            write_page(str(path), tmp_path / "page.html")
+
+
 @pytest.mark.parametrize("name", WRONG)
 def test_a_system_that_a_page_cannot_hold_is_refused_with_its_reason(name, tmp_path):
     with pytest.raises(InputError) as error:

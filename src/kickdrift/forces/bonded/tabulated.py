@@ -32,7 +32,7 @@ class ListedTables(Tables, BondedForce):
     def __post_init__(self) -> None:
         self.keep_files("types")
         super().__post_init__()
-        if self.kind != "bonds":
+        if "length_unit" not in self.units_of:
             for given in (self.given_with({}), *(self.types or {}).values()):
                 if given.get("length_unit") is not None:
                     raise InputError(f"{self.name}: length_unit goes with tables of lengths")
@@ -50,7 +50,7 @@ class ListedTables(Tables, BondedForce):
         """See Tables."""
         length, energy = (given.get(key) or 1.0 for key in ("length_unit", "energy_unit"))
         x, force = columns.x, columns.force
-        checked(where, x, columns.energy, force, "r" if self.kind == "bonds" else "the angle")
+        checked(where, x, columns.energy, force, "r" if self.kind == "bonds" else "the angle", length)
         if self.kind != "bonds":
             length = 1.0 if columns.radians else TURN
             x = x / TURN if columns.radians else x  # in degrees, for messages
@@ -90,6 +90,7 @@ class TabulatedAngle(ListedTables):
 
     kind: ClassVar[str] = "angles"
     name: ClassVar[str] = "tabulated-angle"
+    units_of: ClassVar[tuple[str, ...]] = ("energy_unit",)
 
     def _curve(self, where: str, x: Any, energy: Any, force: Any, length: float) -> Curve:
         if abs(x[0]) > NEAR or abs(x[-1] - 180.0) > NEAR:
@@ -105,6 +106,7 @@ class TabulatedDihedral(ListedTables):
 
     kind: ClassVar[str] = "dihedrals"
     name: ClassVar[str] = "tabulated-dihedral"
+    units_of: ClassVar[tuple[str, ...]] = ("energy_unit",)
 
     def _curve(self, where: str, x: Any, energy: Any, force: Any, length: float) -> Curve:
         span = x[-1] - x[0]

@@ -13,6 +13,7 @@ from kickdrift.errors import InputError
 from kickdrift.forces.laws.law import check_law
 from kickdrift.forces.pairs.ends import End
 from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.seam.arguments import number
 from kickdrift.forces.seam.named import register_force
 from kickdrift.forces.tables.curve import curve_through
 from kickdrift.forces.tables.given import Tables
@@ -59,7 +60,7 @@ class Tabulated(Tables, PairForce):
     def law_of_columns(self, where: str, columns: Columns, given: Mapping[str, Any]) -> Any:
         """See Tables."""
         length, energy = (given.get(key) or 1.0 for key in ("length_unit", "energy_unit"))
-        checked(where, columns.x, columns.energy, columns.force, "r")
+        checked(where, columns.x, columns.energy, columns.force, "r", length)
         if not columns.x[0] > 0:
             raise InputError(f"{where}: begins at r = {columns.x[0]:g}; the first distance must be above zero")
         force = None if columns.force is None else columns.force * (energy / length)
@@ -139,7 +140,7 @@ class Tabulated(Tables, PairForce):
 
         def rows(a: str, b: str) -> tuple[tuple[float, ...], ...]:
             found, cutoff = law.pair_law(a, b), law.pair_end(a, b).cutoff
-            begin = START * cutoff if start is None else start
+            begin = START * cutoff if start is None else number("Tabulated.of", "start", start)
             if not 0 < begin < cutoff:
                 raise InputError(f"Tabulated.of: start must lie between 0 and cutoff {cutoff:g}, got {shown(start)}")
             r = np.linspace(begin, cutoff, count)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from kickdrift.errors import InputError
 from kickdrift.forces.seam.arguments import number
 from kickdrift.forces.tables.reading import Columns, columns_of, read
+from kickdrift.model.checks.values import is_number
 from kickdrift.text import shown
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ class Tables:
 
     name: ClassVar[str]
     law_keys: ClassVar[tuple[str, ...]] = ("energy_unit", "file", "keyword", "table", "c6", "c12", "length_unit")
+    units_of: ClassVar[tuple[str, ...]] = ("length_unit", "energy_unit")  # what says the units of a table
     dimensions: ClassVar[dict[str, str]] = {"length_unit": "length", "energy_unit": "energy"}
 
     def keep_files(self, *keys: str) -> None:
@@ -81,6 +83,12 @@ class Tables:
         found = dict(given)
         if found.get("file") is not None and found.get("table") is not None:
             raise InputError(f"{self.name}: give table or file, not both")
+        if not isinstance(found.get("keyword"), str | None):
+            raise InputError(f"{self.name}: keyword: expected text, got {shown(found['keyword'])}")
+        if found.get("table") is not None:
+            for key, none in (("keyword", None), ("c6", 1.0), ("c12", 1.0)):
+                if found.get(key, none) != none:
+                    raise InputError(f"{self.name}: {key} goes with file")
         if found.get("file") is not None:
             content = read(self.name, found["file"])
             found["file"] = os.path.abspath(found["file"])
@@ -93,6 +101,8 @@ class Tables:
         rows = found.get("table")
         if rows is not None and not isinstance(rows, str | Mapping) and hasattr(rows, "__iter__"):
             found["table"] = tuple(tuple(row) if hasattr(row, "__iter__") else row for row in rows)
+            if not all(is_number(each) for row in found["table"] if isinstance(row, tuple) for each in row):
+                raise InputError(f"{self.name}: table: expected rows of two or three numbers")
         return found
 
     def __getstate__(self) -> dict[str, Any]:
@@ -112,7 +122,9 @@ class Tables:
         key = tuple(given[each] for each in self.law_keys)
         if key not in self._made:  # type: ignore[attr-defined]
             columns = columns_of(f"{self.name}{where}", given, self._contents)  # type: ignore[attr-defined]
-            self._made[key] = self.law_of_columns(f"{self.name}{where}", columns, given)  # type: ignore[attr-defined]
+            place = "" if given["file"] is None else f": file: {given['file']}"
+            made = self.law_of_columns(f"{self.name}{where}{place}", columns, given)
+            self._made[key] = made  # type: ignore[attr-defined]
         return self._made[key]  # type: ignore[attr-defined]
 
     def law_of_columns(self, where: str, columns: Columns, given: Mapping[str, Any]) -> Any:
@@ -132,13 +144,12 @@ class Tables:
         for each in fields(self):
             value = getattr(self, each.name)
             if each.repr and value != each.default and each.name != "digest":
-                rows = each.name == "table" and isinstance(value, tuple)
-                parts.append(f"{each.name}={f'({len(value)} rows)' if rows else repr(value)}")
+                parts.append(f"{each.name}={_brief(each.name, value)}")
         return f"{type(self).__name__}({', '.join(parts)})"
 
     def check_units(self, system: Subject, given: Mapping[str, Any]) -> None:
         """Refuse a file whose numbers are in other units than the System's, unless the user says what they are."""
-        if given.get("file") is None or None not in (given.get("energy_unit"), given.get("length_unit")):
+        if given.get("file") is None or all(given.get(key) is not None for key in self.units_of):
             return
         said = columns_of(self.name, given, self._contents).units  # type: ignore[attr-defined]
         units = UNITS_OF_XVG if said == "xvg" else said
@@ -147,5 +158,12 @@ class Tables:
         of = "is GROMACS', in nm and kJ/mol" if said == "xvg" else f"says UNITS: {units}"
         raise InputError(
             f"{self.name}: file: {given['file']} {of}, and the System has units {system.units.name!r}; "
-            "length_unit and energy_unit say how long and how large one unit of the table is"
+            f"{' and '.join(self.units_of)} say{'s' * (len(self.units_of) == 1)} how large one unit of the table is"
         )
+
+
+def _brief(key: Any, value: Any) -> str:
+    """A parameter as text, in which tables have their number of rows."""
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{each!r}: {_brief(each, one)}' for each, one in value.items())}}}"
+    return f"({len(value)} rows)" if key == "table" and isinstance(value, tuple) else repr(value)

@@ -19,9 +19,11 @@ from kickdrift.model.state import Floats
 from kickdrift.text import shown, suggestion
 
 MOST_BYTES = 2**28  # of a file
+LEAST = 1e-60  # of the farthest place, whose powers float64 holds
 TITLES = re.compile(r"[A-Za-z_]")  # a line that begins so names a section of LAMMPS' file
 FLAGS = {"N": 1, "R": 2, "RSQ": 2, "BITMAP": 2, "FP": 2, "FPRIME": 2, "EQ": 1, "NOF": 0, "DEGREES": 0, "RADIANS": 0,
          "CHECKU": 1, "CHECKF": 1}  # words of LAMMPS' sections, and how many numbers follow  # fmt: skip
+SCALED = ("c6", "c12")
 DISPERSION, REPULSION = (3, 4), (5, 6)  # columns of GROMACS' tables of pairs; 1 and 2 are those of charges
 
 
@@ -50,7 +52,7 @@ def columns_of(name: str, given: Mapping[str, Any], content_of: Mapping[str, byt
         if keyword is not None:
             raise InputError(f"{where}: keyword goes with LAMMPS' tables")
         return _xvg(where, lines, given)
-    if any(given.get(key, 1.0) != 1.0 for key in ("c6", "c12")):
+    if any(given.get(key, 1.0) != 1.0 for key in SCALED):
         raise InputError(f"{where}: c6 and c12 go with GROMACS' tables of seven columns (.xvg)")
     titles = [k for k, line in enumerate(lines) if TITLES.match(line.strip())]
     if titles or keyword is not None:
@@ -68,13 +70,15 @@ def read(name: str, file: Any) -> bytes:
         raise InputError(f"{name}: file: {error}") from None
 
 
-def checked(where: str, x: Floats, energy: Floats, force: Floats | None, of: str) -> None:
+def checked(where: str, x: Floats, energy: Floats, force: Floats | None, of: str, unit: float = 1.0) -> None:
     """Refuse a table whose places do not increase, or whose force is not minus the slope of its energy. ``of`` names
-    the places, such as "r"."""
+    the places, such as "r", and ``unit`` is their unit."""
     for key, values in ((of, x), ("energy", energy), ("force", force)):
         if values is not None and not np.isfinite(values).all():
             row = int(np.flatnonzero(~np.isfinite(values))[0])
             raise InputError(f"{where}: row {row + 1}: the {key} is {values[row]:g}; expected a finite number")
+    if x.size and not LEAST < (farthest := unit * float(np.abs(x).max())) < 1.0 / LEAST:
+        raise InputError(f"{where}: {of} goes to {farthest:g}; expected between {LEAST:g} and {1.0 / LEAST:g}")
     if len(x) < FEWEST:
         raise InputError(f"{where}: has {len(x)} rows; expected {FEWEST} or more")
     if (falls := np.flatnonzero(np.diff(x) <= 0)).size:
@@ -101,7 +105,7 @@ def _of_rows(where: str, rows: Any) -> Columns:
         found = np.array(rows, dtype=float)
     except (TypeError, ValueError):
         lengths = set()
-    if not lengths <= {2, 3} or not lengths:
+    if not lengths <= {2, 3} or not lengths or found.ndim != 2:
         raise InputError(f"{where}: expected rows of two or three numbers: a place, an energy and perhaps a force")
     return Columns(found[:, 0], found[:, 1], found[:, 2] if lengths == {3} else None)
 
@@ -124,6 +128,8 @@ def _xvg(where: str, lines: Sequence[str], given: Mapping[str, Any]) -> Columns:
     tables of bonds, angles and dihedrals have three. GROMACS fills the rows before a table's start with zeros."""
     rows = [numbers for line in lines if (numbers := _numbers(where, line))]
     if not rows or len(rows[0]) != 7:
+        if any(given.get(key, 1.0) != 1.0 for key in SCALED):
+            raise InputError(f"{where}: c6 and c12 go with tables of seven columns")
         found = _of_rows(where, rows)
     else:
         if odd := [k for k, row in enumerate(rows) if len(row) != 7]:
@@ -170,8 +176,9 @@ def _section(where: str, lines: Sequence[str], keyword: str | None) -> Columns:
     x = table[1]
     if "R" in flags or "RSQ" in flags:
         power = 1 if "R" in flags else 2
-        first, last = (end**power for end in flags["R" if power == 1 else "RSQ"])
-        x = np.linspace(first, last, count) ** (1.0 / power)
+        first, last = (end * end if power == 2 else end for end in flags["R" if power == 1 else "RSQ"])
+        with np.errstate(all="ignore"):  # `checked` refuses what is not finite
+            x = np.linspace(first, last, count) ** (1.0 / power)
     return Columns(x, table[2], None if force_columns == 3 else table[3], units, "RADIANS" in flags)
 
 
@@ -189,6 +196,6 @@ def _flags(where: str, words: Sequence[str]) -> dict[str, list[float]]:
         at += 1 + FLAGS[word]
     if "BITMAP" in found:
         raise InputError(f"{where}: BITMAP: tables by the bits of r are not read; write the table with R or RSQ")
-    if not (found["N"][0] >= 1 and found["N"][0] == int(found["N"][0])):
+    if not (found["N"][0] >= 1 and found["N"][0].is_integer()):
         raise InputError(f"{where}: N must be a number of rows, got {found['N'][0]:g}")
     return found
