@@ -116,7 +116,7 @@ def test_a_force_is_the_gradient_of_its_energy(name):
     assert force_gradients.gradient_of(name) < force_gradients.SLOPE
 
 
-UNDIFFERENTIATED = ("coulomb", "gravity-tree", "tides-spin", "ase", "lammps")
+UNDIFFERENTIATED = ("beside", "coulomb", "gravity-tree", "tides-spin", "ase", "lammps")
 BY_DIFFERENCES = ("cmap", "python")
 
 
