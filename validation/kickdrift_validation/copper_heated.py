@@ -48,7 +48,7 @@ def stages() -> list[kd.Stage]:
 
 
 def start(seed: int) -> kd.System:
-    """Copper at twice the temperature, half of which goes into its potential energy."""
+    """Copper at twice the temperature, because half of the heat becomes potential energy."""
     return copper().at(3.615).with_velocities(temperature=2.0 * COLD, seed=seed)
 
 

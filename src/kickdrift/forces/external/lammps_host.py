@@ -32,7 +32,7 @@ class Library:
             raise InputError(f"lammps: LAMMPS refuses {line!r}: {what}{self._styles(line)}") from None
 
     def _styles(self, line: str) -> str:
-        """For a pair style that this LAMMPS lacks, the nearest of those that it has; else ""."""
+        """Name the nearest pair style of this LAMMPS to one that is missing; "" if there is none."""
         words = line.split()
         if words[0] != "pair_style" or words[1] in (known := self.lmp.available_styles("pair")):
             return ""
