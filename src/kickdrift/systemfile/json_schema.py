@@ -21,6 +21,7 @@ from kickdrift.forces.pairs.ends import TRUNCATIONS
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.asked import known_options
 from kickdrift.integrators.options import RAMPED
+from kickdrift.model.events import collision
 from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.units.quantities import EXAMPLES
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, powers
@@ -62,7 +63,7 @@ _VALUES: dict[tuple[str, str], Json] = {
     ("ase", "symbols"): {"anyOf": [{"type": "object", "additionalProperties": TEXT}, NAMES]},
     ("system", "units"): {"enum": list(UNIT_SYSTEMS)},
     ("close-approach", "distance"): {"type": ["number", "string"]},  # Hill radii have no unit
-    ("collision", "restitution"): {"type": ["number", "string"]},
+    ("collision", "restitution"): {"anyOf": [NUMBER, {"const": collision.BRIDGES}]},
     **{("topology", key): GROUPS for key in ("bonds", "impropers", "exclusions")},
     **{("topology", key): {"anyOf": [GROUPS, {"type": "boolean"}]} for key in ("angles", "dihedrals")},
     ("constraint", "pairs"): GROUPS,
