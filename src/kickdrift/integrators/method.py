@@ -64,6 +64,7 @@ class Method:
     float64_because : why pair forces cannot be in mixed precision; "" if they can
     carries_unknowns : whether the method advances unknowns beside the bodies by themselves: see `kickdrift.Beside`
     stops_in_lanes : whether a batch with this method watches events
+    moves : what a method for particles alone moves, as text
     declared : options of a Simulation that the method takes, besides dt and precision; see `Option`
     tunable : names of these options
     choices : allowed values of some options, the default first (None: it depends)
@@ -76,6 +77,7 @@ class Method:
     family: ClassVar[str]
     separable = overdamped = stops_in_lanes = reflects = bounces = carries_unknowns = False
     float64_because = moves_all_because = ""
+    moves: ClassVar[str] = "particles under gravity"
 
     @property
     def evaluations(self) -> int:
@@ -193,6 +195,15 @@ class Method:
 
     def check(self, system: System) -> None:
         """Refuse a System that this method cannot move."""
+
+    def system_of(self, flow: Flow) -> Any:
+        """System of the flow. Raises InputError for a Problem, and for a System that this method cannot move."""
+        from kickdrift.model.system import System
+
+        if not isinstance(flow.subject, System):
+            raise InputError(f"{self.name}: needs {self.moves}; {flow.name!r} is an ODE; use dop853")
+        self.check(flow.subject)
+        return flow.subject
 
     def in_lanes(self, members: Members, options: Options) -> LaneStepper:
         """Start an integration of many small systems at once, for methods that are ``batched``."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
@@ -31,11 +31,11 @@ class EventDriven(Method):
     use: str = ""
 
     family = "event-driven"
-    moves_all_because = "moves spheres from hit to hit"
     particles_only = True
     reflects = bounces = True
     float64_because = "computes the times of hits in float64"
     moves_all_because = "lets every sphere fly from hit to hit"
+    moves = "spheres"
     declared = ()
 
     def check(self, system: System) -> None:
@@ -57,12 +57,7 @@ class EventDriven(Method):
                 )
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
-        from kickdrift.model.system import System
-
-        system: Any = flow.subject
-        if not isinstance(system, System):
-            raise InputError(f"{self.name}: needs spheres; {flow.name!r} is an ODE")
-        self.check(system)
+        self.system_of(flow)
         from kickdrift.integrators.event_driven.stepper import EventDrivenStepper
 
         return EventDrivenStepper(flow, options)

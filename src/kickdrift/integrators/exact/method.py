@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import OWN_FORCES, Method
@@ -38,17 +38,15 @@ class Exact(Method):
     particles_only = True
     float64_because = OWN_FORCES
     evaluations = 1
+    moves = "particles under pair forces or gravity"
     declared = ()
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity.direct import Gravity
         from kickdrift.forces.pairs.law import PairForce
         from kickdrift.forces.pairs.tabulated import Tabulated
-        from kickdrift.model.system import System
 
-        system: Any = flow.subject
-        if not isinstance(system, System):
-            raise InputError(f"{self.name}: needs particles under pair forces or gravity; {flow.name!r} is an ODE")
+        system = self.system_of(flow)
         for force in system.forces:
             if not isinstance(force, (PairForce, Gravity)):
                 raise InputError(f"{self.name}: takes only pair forces and gravity; force {force.name!r} is neither")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
@@ -33,6 +33,7 @@ class Hermite(Method):
 
     family = "Hermite"
     moves_all_because = "predicts every body by the derivatives of its acceleration"
+    moves = "bodies under gravity"
     separable = True
     particles_only = True
     chooses_steps = True
@@ -55,11 +56,8 @@ class Hermite(Method):
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity.direct import Gravity
-        from kickdrift.model.system import System
 
-        system: Any = flow.subject
-        if not isinstance(system, System):
-            raise InputError(f"{self.name}: needs bodies under gravity; {flow.name!r} is an ODE; use dop853")
+        system = self.system_of(flow)
         others = [force.name for force in system.forces if not isinstance(force, Gravity)]
         if others or len(system.forces) != 1:
             what = f"force {others[0]!r} has no time derivative" if others else f"the system has {len(system.forces)}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
@@ -37,6 +37,7 @@ class Sei(Method):
     particles_only = True
     carries = True
     evaluations = 1
+    moves = "particles in Hill's frame"
     declared = ()
 
     def check(self, system: System) -> None:
@@ -57,12 +58,7 @@ class Sei(Method):
                 )
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
-        from kickdrift.model.system import System
-
-        system: Any = flow.subject
-        if not isinstance(system, System):
-            raise InputError(f"{self.name}: needs particles in Hill's frame; {flow.name!r} is an ODE")
-        self.check(system)
+        self.system_of(flow)
         from kickdrift.integrators.sheet.stepper import SeiStepper
 
         return SeiStepper(flow, options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -72,12 +72,7 @@ class Trace(Method):
             raise InputError(f"{self.name}: needs a central body, but no particle has mass")
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
-        from kickdrift.model.system import System
-
-        system: Any = flow.subject
-        if not isinstance(system, System):
-            raise InputError(f"{self.name}: needs particles under gravity; {flow.name!r} is an ODE")
-        self.check(system)
+        self.system_of(flow)
         if flow.not_separable and options.inner != METHODS[0]:
             raise InputError(
                 f"inner: {options.inner} needs accelerations that depend on positions and time alone, and "

@@ -9,7 +9,7 @@ Source: Rein 2020, MNRAS 492, 5413, doi:10.1093/mnras/stz3601.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -99,12 +99,8 @@ class Eos(Splitting):
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity.direct import Gravity
         from kickdrift.integrators.wisdom_holman.parted_gravity import Parted
-        from kickdrift.model.system import System
 
-        system: Any = flow.subject
-        if not isinstance(system, System):
-            raise InputError(f"{self.name}: needs particles under gravity; {flow.name!r} is an ODE")
-        self.check(system)
+        system = self.system_of(flow)
         gravity = next(force for force in system.forces if isinstance(force, Gravity))
         others = [force for force in system.forces if force is not gravity]
         star = int(np.argmax(system.state.masses))

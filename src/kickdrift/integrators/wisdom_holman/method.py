@@ -175,12 +175,7 @@ class WisdomHolman(Method):
             )
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
-        from kickdrift.model.system import System
-
-        system: Any = flow.subject
-        if not isinstance(system, System):
-            raise InputError(f"{self.name}: needs particles under gravity; {flow.name!r} is an ODE")
-        self.check(system)
+        system = self.system_of(flow)
         others = [force.name for force in system.forces if force.name != "gravity"]
         if others and options.get(KERNEL.name) == MODIFIED_KICK:
             raise InputError(
