@@ -363,7 +363,7 @@ def _to_lammps(*given: Any) -> Any:
 
 
 def _frame(*given: Any) -> Any:
-    from kickdrift.trajectory.read.starting import start_at
+    from kickdrift.trajectory.opened import start_at
 
     return start_at(*given)
 
@@ -392,8 +392,8 @@ ABOVE.update(
         "problem figure": _loader("plots.problems", "problem_figure"),
         "report figure": _loader("plots.runs", "report_figure"),
         "section figure": _loader("plots.results", "section_figure"),
-        "forces on a System": _loader("integrators.flows.still", "still_forces"),
-        "sample of a System": _loader("integrators.flows.still", "still_sample"),
+        "forces on a System": _loader("integrators.flows.flow", "still_forces"),
+        "sample of a System": _loader("integrators.flows.flow", "still_sample"),
         "run figure": _loader("plots.figures", "figure_of"),
         "run content": _loader("trajectory.read.info", "info_of"),
         "run lines": _loader("trajectory.overview", "overview_of"),

@@ -14,7 +14,7 @@ import kickdrift as kd
 from kickdrift.analysis.chaos import megno as chaos
 from kickdrift.analysis.chaos import megno as chaos_lanes
 from kickdrift.analysis.chaos.megno import megno, megnos
-from kickdrift.batch import lane_events, members, sampling
+from kickdrift.batch import lane_events, members
 from kickdrift.batch.batch import Batch
 from kickdrift.batch.members import refusal
 from kickdrift.ensemble.rows import run_columns
@@ -232,7 +232,7 @@ def test_bits_depend_on_no_cut(choice, monkeypatch):
     systems = [planets(seed) for seed in range(9)]
     whole, pieces = (Batch(systems, name, 0.05, **options) for _ in range(2))
     whole.run(60, every=5)
-    monkeypatch.setattr(sampling, "PAIR_STEPS", 300)
+    monkeypatch.setattr(members, "PAIR_STEPS", 300)
     for steps in (7, 0, 43, 10):
         pieces.run(steps, every=5)
     np.testing.assert_array_equal(whole.phase, pieces.phase)

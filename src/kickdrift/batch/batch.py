@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.batch.lane_events import LaneEvents, run_with_events
-from kickdrift.batch.members import common, members_of
-from kickdrift.batch.sampling import by_member, momentum_scales, run_lanes, sampled_steps
+from kickdrift.batch.members import by_member, common, members_of, momentum_scales, run_lanes, sampled_steps
 from kickdrift.engines import NATIVE, engine
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator

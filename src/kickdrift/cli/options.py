@@ -113,7 +113,7 @@ def is_run(name: str) -> bool:
 
 def system_of_frame(path: str, number: int | None = None) -> Any:
     """The System at a frame of a run's file, counted from 0, or from -1 backwards; the last one by default."""
-    from kickdrift.trajectory.read.starting import opened_at
+    from kickdrift.trajectory.opened import opened_at
 
     with opened_at(path, number) as frame:
         return frame.system

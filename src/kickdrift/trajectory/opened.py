@@ -1,17 +1,22 @@
-"""A run's file of any kind, by its content."""
+"""A run's file of any kind, opened by its content, and the frame at which a new run begins."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks.values import path_text
+from kickdrift.model.system import System
+from kickdrift.trajectory.layout.record import system_of
 from kickdrift.trajectory.problems import table
 from kickdrift.trajectory.problems.reader import ProblemRun, is_problem_run
 from kickdrift.trajectory.problems.table import ProblemTable
 from kickdrift.trajectory.read import reader
+from kickdrift.trajectory.read.frames import Frame
 
 SUFFIX = ".h5md"  # of runs of particles
 
@@ -57,3 +62,20 @@ def problem_of(path: Path) -> ProblemRun | ProblemTable | None:
     if suffix in table.SUFFIXES:
         return table.read(path)
     return ProblemRun(path) if is_problem_run(path) else None
+
+
+@contextmanager
+def opened_at(path: str | os.PathLike[str], number: int | None = None) -> Iterator[Frame]:
+    """A frame of a run's file, which stays open: counted from 0, or from -1 backwards; the last one by default."""
+    with reader.open(path) as run:
+        k = -1 if number is None else number
+        if not -len(run) <= k < len(run):
+            raise InputError(f"{path}: has no frame {k}; it holds {len(run)}")
+        yield run[k]
+
+
+def start_at(path: str | os.PathLike[str], number: int | None = None) -> System:
+    """The bodies of the System at a frame, without its forces and events."""
+    with opened_at(path, number) as frame:
+        frame._run.refuse_changed()
+        return system_of(frame._run, frame.index, forces=(), events=())

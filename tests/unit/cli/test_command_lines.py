@@ -143,7 +143,7 @@ def test_pieces_of_a_batch_change_no_bits(monkeypatch):
         return batch.record(0).series().total.tobytes()
 
     whole = looks()
-    monkeypatch.setattr("kickdrift.batch.sampling.PIECE_SAMPLES", 7)
+    monkeypatch.setattr("kickdrift.batch.members.PIECE_SAMPLES", 7)
     assert looks() == whole
 
 

@@ -21,8 +21,7 @@ from kickdrift.analysis.tangents.deviations import (
     first_deviation,
     scale_of,
 )
-from kickdrift.batch.members import common, members_of
-from kickdrift.batch.sampling import run_lanes
+from kickdrift.batch.members import common, members_of, run_lanes
 from kickdrift.display.showing import following
 from kickdrift.errors import InputError
 from kickdrift.forces.gravity.batch import LOOK, measure_in_lanes

@@ -163,7 +163,7 @@ class TraceTangentRun(MapRun):
         self.steps = self._stepper.steps_done
         if status:
             from kickdrift.integrators.trace.tangent import CROWDED
-            from kickdrift.integrators.wisdom_holman.tangent_pushes import NO_SLOPES
+            from kickdrift.integrators.wisdom_holman.tangent_columns import NO_SLOPES
 
             which = f"{self.sim.integrator}, dt = {self.dt:g}"
             if status == NO_SLOPES:

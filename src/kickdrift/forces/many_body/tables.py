@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
 from kickdrift.forces.many_body.entries import number_of, potential_file
-from kickdrift.model.units.elements import SYMBOLS
+from kickdrift.model.units.constants import SYMBOLS
 from kickdrift.text import shown
 
 STYLES = {".eam": "eam", ".eam.alloy": "eam/alloy", ".eam.fs": "eam/fs", ".eam.he": "eam/he"}  # LAMMPS' names

@@ -9,18 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.errors import InputError
+from kickdrift.errors import InputError, RunError
 from kickdrift.forces.beside.columns import UnderColumns, further
 from kickdrift.forces.beside.unknowns import UNKNOWNS, Beside
+from kickdrift.forces.bound.forces import check_threads
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.flows.problem_flow import ProblemFlow
+from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.looks.columns import ANGULAR
 from kickdrift.looks.looking import HEAD
-from kickdrift.looks.observers import Looks
+from kickdrift.looks.observers import Looks, Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.problem import Problem
-from kickdrift.model.state import Floats, State
+from kickdrift.model.state import Floats, State, read_only
 from kickdrift.model.system import System
 
 HUGE = 1e100  # no unknown is as large before it blows up
@@ -164,3 +166,20 @@ def flow_of(subject: System | Problem, threads: int, jumps: bool, mixed: bool = 
     if isinstance(subject, Problem):
         return ProblemFlow(subject, threads, jumps)
     raise InputError(f"a Simulation takes a System or a Problem, got {type(subject).__name__}")
+
+
+def still_sample(system: System, threads: int = 1) -> Sample:
+    """The sample with which a run from here begins. Raises RunError if forces or energy are not finite."""
+    with compiling_for(f"the forces of {system.name}"):
+        flow = flow_of(system, check_threads(threads), jumps=True)
+        return flow.sample(flow.array(system.state), system.state.time, 0)  # type: ignore[arg-type]
+
+
+def still_forces(system: System, threads: int = 1) -> Floats:
+    """Forces (n, 3) on the particles, also on fixed ones; a read-only array. Raises RunError if they are not finite."""
+    with compiling_for(f"the forces of {system.name}"):
+        flow = flow_of(system, check_threads(threads), jumps=True)
+        found = flow.felt(flow.array(system.state), system.state.time)  # type: ignore[union-attr, arg-type]
+    if found is None:
+        raise RunError("the forces at these positions are not finite")
+    return read_only(np.ascontiguousarray((found * system.coherent_masses).T))

@@ -43,7 +43,7 @@ class TraceTangents(NamedTuple):
     massive: int  # number of massive bodies, with the central one
     order: NDArray[np.int64]  # (n,) row of each body in the system
     others: NDArray[np.int64]  # (other forces, 2) addresses of their slopes and of their parts
-    pushes: NDArray[np.int64]  # (p, 3) what masses and parameters do in other forces, see ``tangent_pushes``
+    pushes: NDArray[np.int64]  # (p, 3) what masses and parameters do in other forces, see `add_pushes`
     block: NDArray[np.int64]  # (1,) number of the block that moves now
     moving: bool  # other forces depend on velocity
     meeting: DualMeeting

@@ -9,7 +9,7 @@ from kickdrift.forces.seam.kernel import BLOWN_UP, OK
 from kickdrift.integrators.trace import tangent_state as part
 from kickdrift.integrators.trace.others import ROUNDED, STALLED, TURNS
 from kickdrift.integrators.trace.state import compiled_hermite
-from kickdrift.integrators.wisdom_holman.tangent_pushes import feel, to_first_order
+from kickdrift.integrators.wisdom_holman.tangent_columns import feel, to_first_order
 from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.duals.dual import SLOT, as_dual, dual_rows
 from kickdrift.jit.duals.operators import dual_vector, put_vector, vector_at

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.wisdom_holman import tangent_columns
+from kickdrift.integrators.wisdom_holman.tangent_columns import feel, to_first_order
 from kickdrift.integrators.wisdom_holman.tangent_drift import drift_duals, fill_kepler
-from kickdrift.integrators.wisdom_holman.tangent_pushes import feel, to_first_order
 from kickdrift.jit.compile import driver, jit, never_inline
 from kickdrift.jit.duals import functions as functions  # what duals take part in
 from kickdrift.jit.duals.dual import SLOT, as_dual, dual, dual_rows

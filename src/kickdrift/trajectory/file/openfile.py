@@ -1,4 +1,7 @@
-"""A run's file during writing. Safe changes are made in place; for all others a copy replaces the file."""
+"""A run's file while it is made, whole or not at all, and during writing.
+
+Safe changes are made in place. For all others a copy replaces the file.
+"""
 
 import os
 from collections.abc import Callable
@@ -7,9 +10,12 @@ from threading import RLock
 
 import h5py
 
-from kickdrift.disk.outputs import private_place
-from kickdrift.errors import KickdriftError, RunError
-from kickdrift.trajectory.file.storage import PagedFile, in_use, open_to_write, write_error
+from kickdrift.disk import kinds
+from kickdrift.disk.files import shown_path
+from kickdrift.disk.kinds import Kind
+from kickdrift.disk.outputs import checked_target, private_place, reason, settle
+from kickdrift.errors import InputError, KickdriftError, RunError
+from kickdrift.trajectory.file.storage import PagedFile, in_use, open_to_write, refuse_in_use, write_error
 
 opening = RLock()  # held by the thread that makes or opens a file
 _writing: set[tuple[int, int]] = set()  # device and inode; some systems' locks do not hold within one process
@@ -132,3 +138,19 @@ def refuse_second(path: Path) -> None:
     """Raise InputError if this process already writes to the file."""
     if identity(path) in _writing:
         raise in_use(path)
+
+
+def create(path: Path, image: bytes, *, overwrite: bool, kind: Kind = kinds.RUN) -> tuple[int, int]:
+    """Write ``image`` to a new file and return its device and inode. Raises an InputError with the reason if that
+    fails; then nothing has changed."""
+    checked_target(path, kind, overwrite)
+    try:
+        if overwrite:
+            refuse_in_use(path)
+        with private_place(path) as part:
+            part.write_bytes(image)
+            own = identity(part)
+            settle(part, path, kind, overwrite=overwrite)
+    except OSError as error:
+        raise InputError(f"{shown_path(path)}: cannot be written: {reason(error)}") from None
+    return own

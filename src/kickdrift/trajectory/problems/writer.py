@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 
 from kickdrift.disk import kinds
 from kickdrift.model.problem import Problem, ProblemState
-from kickdrift.trajectory.file import creation
-from kickdrift.trajectory.file.openfile import opening
+from kickdrift.trajectory.file.openfile import create, opening
 from kickdrift.trajectory.layout import problem_header as header
 from kickdrift.trajectory.layout.checkpoints import Checkpoint
 from kickdrift.trajectory.layout.options import FileOptions
@@ -64,7 +63,7 @@ class ProblemWriter(Writer):
             start=Cadence(checkpoint).take(),
         )
         with opening:
-            own = creation.create(Path(path), image, overwrite=overwrite, kind=kinds.PROBLEM)
+            own = create(Path(path), image, overwrite=overwrite, kind=kinds.PROBLEM)
             self._open(Path(path), flush_bytes, flush, checkpoint, run_id, made=(own, header.outline()))
         self._rows.columns = self.units | units_of(columns)
 

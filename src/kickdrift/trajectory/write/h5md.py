@@ -22,8 +22,8 @@ from kickdrift.disk.interrupt import interruptible
 from kickdrift.errors import InputError, RunError
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
-from kickdrift.trajectory.file import creation, packing
-from kickdrift.trajectory.file.openfile import OpenFile, opening, refuse_second
+from kickdrift.trajectory.file import packing
+from kickdrift.trajectory.file.openfile import OpenFile, create, opening, refuse_second
 from kickdrift.trajectory.layout.checkpoints import Checkpoint, Stored, Table, behind, same
 from kickdrift.trajectory.layout.contents import Contents
 from kickdrift.trajectory.layout.header import Committed, Outline, outline_of
@@ -101,7 +101,7 @@ class Writer:
             start=Cadence(checkpoint).take(),
         )
         with opening:
-            made = creation.create(Path(path), image, overwrite=overwrite), outline_of(system, options)
+            made = create(Path(path), image, overwrite=overwrite), outline_of(system, options)
             self._open(Path(path), flush_bytes, options.flush, checkpoint, run_id, made=made)
         self._rows.columns = self.units | units_of(columns)
 
