@@ -6,7 +6,6 @@ The names below are the whole public interface. Each is imported at its first us
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from importlib.metadata import version
@@ -19,7 +18,6 @@ from kickdrift.display.showing import ABOVE
 # Not lazy: loading these packages later would replace the functions of the same names.
 from kickdrift.engines import engines
 from kickdrift.integrators import integrators
-from kickdrift.model.bridged import BRIDGES, SYSTEM_FILES
 
 if TYPE_CHECKING:
     from kickdrift import analysis
@@ -302,104 +300,38 @@ _MOVED = {
 }
 
 
-def _ase() -> ModuleType:
-    from kickdrift.bridges import ase
-
-    return ase
-
-
-def _lammps() -> ModuleType:
-    from kickdrift.bridges.lammps import system
-
-    return system
-
-
-def _mdanalysis() -> ModuleType:
-    from kickdrift.bridges import mdanalysis
-
-    return mdanalysis
-
-
-def _openmm() -> ModuleType:
-    from kickdrift.bridges.openmm import system
-
-    return system
-
-
-def _rebound() -> ModuleType:
-    from kickdrift.bridges import rebound
-
-    return rebound
-
-
-def _from_elements(*given: Any, **more: Any) -> Any:
-    from kickdrift.systemfile.composing import from_elements
-
-    return from_elements(*given, **more)
-
-
-def _with_body(*given: Any, **more: Any) -> Any:
-    from kickdrift.systemfile.composing import with_body
-
-    return with_body(*given, **more)
-
-
-def _to_toml(*given: Any) -> Any:
-    from kickdrift.systemfile.writing import to_toml
-
-    return to_toml(*given)
-
-
-def _in_units(*given: Any) -> Any:
-    from kickdrift.systemfile.converting import in_units
-
-    return in_units(*given)
-
-
-def _to_lammps(*given: Any) -> Any:
-    from kickdrift.engines.lammps_input import to_lammps
-
-    return to_lammps(*given)
-
-
-def _frame(*given: Any) -> Any:
-    from kickdrift.trajectory.opened import start_at
-
-    return start_at(*given)
-
-
-BRIDGES.update(ase=_ase, lammps=_lammps, MDAnalysis=_mdanalysis, openmm=_openmm, rebound=_rebound)
-SYSTEM_FILES.update(
-    from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml, frame=_frame, in_units=_in_units,
-    to_lammps=_to_lammps,
-)  # fmt: skip
-
-
-def _loader(module: str, name: str) -> Callable[[], Any]:
-    return lambda: getattr(import_module(f"kickdrift.{module}"), name)
-
-
-ABOVE.update(
-    {
-        "comparison figure": _loader("plots.results", "comparison_figure"),
-        "force figure": _loader("plots.results", "force_figure"),
-        "sampling figure": _loader("plots.results", "sampling_figure"),
-        "ensemble figure": _loader("plots.ensemble", "ensemble_figure"),
-        "methods figure": _loader("plots.problems", "methods_figure"),
-        "live page": _loader("view.server", "live_page"),
-        "orbit report figure": _loader("plots.results", "orbit_report_figure"),
-        "problem lines": _loader("trajectory.overview", "overview_of_problem"),
-        "problem figure": _loader("plots.problems", "problem_figure"),
-        "report figure": _loader("plots.runs", "report_figure"),
-        "section figure": _loader("plots.results", "section_figure"),
-        "forces on a System": _loader("integrators.flows.flow", "still_forces"),
-        "sample of a System": _loader("integrators.flows.flow", "still_sample"),
-        "run figure": _loader("plots.figures", "figure_of"),
-        "run content": _loader("trajectory.read.info", "info_of"),
-        "run lines": _loader("trajectory.overview", "overview_of"),
-        "view": _loader("view.views", "view_of"),
-    }
-)
+# Functions and modules of layers above, which layers below reach by what they make; see ``display.showing.above``.
+_ABOVE = {
+    "bridge to ase": "bridges.ase",
+    "bridge to lammps": "bridges.lammps.system",
+    "bridge to MDAnalysis": "bridges.mdanalysis",
+    "bridge to openmm": "bridges.openmm.system",
+    "bridge to rebound": "bridges.rebound",
+    "comparison figure": "plots.results:comparison_figure",
+    "force figure": "plots.results:force_figure",
+    "sampling figure": "plots.results:sampling_figure",
+    "ensemble figure": "plots.ensemble:ensemble_figure",
+    "methods figure": "plots.problems:methods_figure",
+    "live page": "view.server:live_page",
+    "orbit report figure": "plots.results:orbit_report_figure",
+    "problem lines": "trajectory.overview:overview_of_problem",
+    "problem figure": "plots.problems:problem_figure",
+    "report figure": "plots.runs:report_figure",
+    "section figure": "plots.results:section_figure",
+    "forces on a System": "integrators.flows.flow:still_forces",
+    "sample of a System": "integrators.flows.flow:still_sample",
+    "run figure": "plots.figures:figure_of",
+    "run content": "trajectory.read.info:info_of",
+    "run lines": "trajectory.overview:overview_of",
+    "System from elements": "systemfile.composing:from_elements",
+    "System with a body": "systemfile.composing:with_body",
+    "System in units": "systemfile.converting:in_units",
+    "System of a frame": "trajectory.opened:start_at",
+    "system file": "systemfile.writing:to_toml",
+    "input of LAMMPS": "engines.lammps_input:to_lammps",
+    "view": "view.views:view_of",
+}
+ABOVE.update({what: f"kickdrift.{place}" for what, place in _ABOVE.items()})
 
 
 class _OldNames:

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
 from html import escape
+from importlib import import_module
 from threading import Timer
 from time import monotonic
 from typing import Any
@@ -25,12 +26,14 @@ Bar = Callable[[int, int], Any]
 
 _making: ContextVar[Callable[[str], Bar] | None] = ContextVar("progress", default=None)  # of what is shown now
 
-ABOVE: dict[str, Callable[[], Callable[..., Any]]] = {}  # by what a function makes, what loads it from a layer above
+ABOVE: dict[str, str] = {}  # by what a function of a layer above makes, its "module:name"; a module has no name
 
 
-def above(what: str) -> Callable[..., Any]:
-    """The function of a layer above that makes ``what``; the package's ``__init__`` fills the table."""
-    return ABOVE[what]()
+def above(what: str) -> Any:
+    """The function of a layer above that makes ``what``, or the module; the package's ``__init__`` fills the table."""
+    module, _, name = ABOVE[what].partition(":")
+    found = import_module(module)
+    return getattr(found, name) if name else found
 
 
 class Shown:

@@ -1,14 +1,12 @@
 """A System to and from other programs."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from importlib import import_module
 from typing import Any
 
+from kickdrift.display.showing import above
 from kickdrift.errors import InputError
 from kickdrift.model.units.unit_systems import UnitSystem
-
-BRIDGES: dict[str, Callable[[], Any]] = {}  # loader of each package's bridge; filled by the package's ``__init__``
-SYSTEM_FILES: dict[str, Callable[..., Any]] = {}  # functions of system files for a System, filled in the same way
 
 
 def bridge(package: str, asked: str) -> Any:
@@ -18,7 +16,7 @@ def bridge(package: str, asked: str) -> Any:
         import_module(package)
     except ImportError:
         raise InputError(f"{asked} needs {package}: pip install 'kickdrift[{package}]'") from None
-    return BRIDGES[package]()
+    return above(f"bridge to {package}")
 
 
 class Bridged:
@@ -120,7 +118,7 @@ class Bridged:
         InputError
             For forces, virtual sites and fixed particles without a counterpart in LAMMPS, and for other units.
         """
-        return SYSTEM_FILES["to_lammps"](self, path, overwrite)
+        return above("input of LAMMPS")(self, path, overwrite)
 
     @classmethod
     def from_mdanalysis(

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from kickdrift.display.showing import above
 from kickdrift.errors import InputError
 from kickdrift.model.bodies import Body, body_of
 from kickdrift.model.body_checks import (
@@ -27,7 +28,7 @@ from kickdrift.model.body_checks import (
     vectors_of,
 )
 from kickdrift.model.box.box import Box
-from kickdrift.model.bridged import SYSTEM_FILES, Bridged
+from kickdrift.model.bridged import Bridged
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.model.checks.values import no_overflow, per_particle, whole_number
 from kickdrift.model.described import ShownSystem
@@ -352,7 +353,7 @@ class System(Bridged, MeasuredSystem, ShownSystem):
         InputError
             For unknown keys and for values that are not an orbit; the message names the body and the key.
         """
-        made: System = SYSTEM_FILES["from_elements"](cls, bodies, forces, units, frame, seed, name)
+        made: System = above("System from elements")(cls, bodies, forces, units, frame, seed, name)
         return made
 
     def with_body(self, name: str | None = None, *, barycentric: bool = False, **body: Any) -> System:
@@ -373,7 +374,7 @@ class System(Bridged, MeasuredSystem, ShownSystem):
         InputError
             For an unknown key, a name in use, and a body at another body's place.
         """
-        made: System = SYSTEM_FILES["with_body"](self, name, barycentric, body)
+        made: System = above("System with a body")(self, name, barycentric, body)
         return made
 
     def add(self, name: str | None = None, *, barycentric: bool = False, **body: Any) -> System:
@@ -446,7 +447,7 @@ class System(Bridged, MeasuredSystem, ShownSystem):
             For other units, events, and forces whose numbers are of one unit system, such as a many-body potential or
             a function of your own.
         """
-        made: System = SYSTEM_FILES["in_units"](self, units)
+        made: System = above("System in units")(self, units)
         return made
 
     def to_toml(self) -> str:
@@ -461,7 +462,7 @@ class System(Bridged, MeasuredSystem, ShownSystem):
             For content that a system file cannot hold; the message names it: forces that are not registered, events
             with the user's functions, the user's own units, a time other than 0.
         """
-        text: str = SYSTEM_FILES["to_toml"](self)
+        text: str = above("system file")(self)
         return text
 
     def acting(self, trait: str) -> list[str]:

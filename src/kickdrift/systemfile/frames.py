@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from kickdrift.display.showing import above
 from kickdrift.errors import InputError
-from kickdrift.model.bridged import SYSTEM_FILES
 from kickdrift.model.starts.builders import Structure
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem
@@ -30,7 +30,7 @@ def frame_system(table: SystemTable, units: UnitSystem, folder: Path) -> System 
     if particles.atom_style is not None:
         raise InputError(f"particles.atom_style: is for data files of LAMMPS, and {path} is none")
     with prefixed("particles.file: "):
-        found: System = SYSTEM_FILES["frame"](path, particles.frame)
+        found: System = above("System of a frame")(path, particles.frame)
     if found.units != units:
         raise InputError(f'units: the run of {path} is in units = "{found.units.name}", got "{units.name}"')
     if found.dimensions != table.dimensions:
