@@ -319,8 +319,8 @@ COMPRESSIBILITY = Option(
     "monte-carlo, and not the averages.", dimension="compressibility", above=0.0,
 )  # fmt: skip
 PRESSURE_EVERY = Option(
-    "pressure_every", int, "Steps from one action of the barostat to the next; by default 1 for mtk.", 10, above=0.0,
-    most=1e6, written=False,
+    "pressure_every", int, "Steps from one action of the barostat to the next; by default a tenth of pressure_tau, at "
+    "most 25, for c-rescale, 10 for monte-carlo, and 1 for mtk.", above=0.0, most=1e6, written=False,
 )  # fmt: skip
 STRESS = Option(
     "stress", float, "Stress beside the pressure, with coupling = full: xx, yy, zz, yz, xz, xy; positive pulls.",

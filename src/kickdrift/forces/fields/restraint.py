@@ -122,8 +122,12 @@ class Restraint(Field):
         return "" if self.scales else "its reference positions stay, so it has no virial; scales = true moves them"
 
     def fixes_edges(self, system: Subject) -> str:
-        """See Grouped: the places are multiples of the edges, and stiffness has axes."""
-        return "its reference positions are multiples of edges, and such a box takes other edges"
+        """See Grouped: the frame turns with the edges, and different stiffnesses have axes."""
+        return "" if np.ptp(np.broadcast_to(self.stiffness, 3)) == 0 else "its stiffness has axes, and the frame turns"
+
+    def keeps_edges(self, system: Subject) -> str:
+        """See Grouped."""
+        return "its reference positions are multiples of these edges"
 
     def places(self, system: Subject) -> tuple[Floats, Floats]:
         """Reference positions (m, 3) in the System's box, and the same as multiples of its edge vectors."""

@@ -54,7 +54,11 @@ class Grouped:
         return ""
 
     def fixes_edges(self, system: Subject) -> str:
-        """Why no barostat can change angles and the choice of edges under this force; "" if one can."""
+        """Why no barostat can change angles between edges under this force; "" if one can."""
+        return ""
+
+    def keeps_edges(self, system: Subject) -> str:
+        """What the force ties to these edges, so that the box takes no others of the same lattice; "" if nothing."""
         return ""
 
     def stated_error(self) -> float:

@@ -36,7 +36,7 @@ from kickdrift.integrators.splitting.barostats import (
     mtk,
     mtk_shape,
 )
-from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, TOO_STRAINED, Piston
+from kickdrift.integrators.splitting.barostats.piston import TOO_SHORT, TOO_STRAINED, TOO_TILTED, Piston
 from kickdrift.integrators.splitting.barostats.shape import START, shape_of
 from kickdrift.integrators.splitting.baths.bath import SHORTEST_TAU, Bathed, bathed
 from kickdrift.integrators.splitting.baths.nose_hoover import energy_of
@@ -55,7 +55,8 @@ if TYPE_CHECKING:
     from kickdrift.integrators.options import Options
 
 GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2), FULL: (0, 0, 0)}
-FEWEST_ACTIONS = 5  # in a time constant
+FEWEST_ACTIONS, USUAL_ACTIONS = 5, 10  # in a time constant; the latter by default
+MOST_STEPS, USUAL_STEPS = 25, 10  # from one action to the next by default, of c-rescale and monte-carlo
 ALONG, SUMS = "along", "sums"  # names in a memory: virials along the axes; energy, virial and pairs
 OF_PAIRS = 2  # place of the number of pairs, which is nan if a force does not know it
 FAR = 0.15  # largest difference of two stretches of a box that holds its shape
@@ -110,8 +111,13 @@ def check_options(kind: str, options: Options, method: Lettered) -> None:
 
 
 def every_of(kind: str, options: Options) -> int:
-    """Steps from one action of the barostat to the next."""
-    return int(options.get(PRESSURE_EVERY.name) or (1 if kind == MTK else PRESSURE_EVERY.default))
+    """Steps from one action of the barostat to the next. Each action of c-rescale evaluates all forces once more."""
+    if given := options.get(PRESSURE_EVERY.name):
+        return int(given)
+    if kind == C_RESCALE and (tau := options.get(PRESSURE_TAU.name)) is not None:
+        most = (1.0 + 1e-9) * tau / (USUAL_ACTIONS * abs(options.dt))
+        return max(1, int(min(MOST_STEPS, most)))
+    return 1 if kind == MTK else USUAL_STEPS
 
 
 def check_unpressed(options: Options) -> None:
@@ -181,7 +187,10 @@ class Barostat:
         self._coupling = coupling_of(options)
         self.piston = self._made(flow, options, method)
         free = self._coupling == FULL
-        self._shape = shape_of(self.piston, 2.0 * self._reach, stress_of(options)) if free else None
+        tied = [force for force in system.forces if hasattr(force, "keeps_edges") and force.keeps_edges(system)]
+        self._ties = {force.name: force.keeps_edges(system) for force in tied}
+        least, stress = 2.0 * self._reach, stress_of(options)
+        self._shape = shape_of(self.piston, least, bool(tied), stress) if free else None
         self.flows: dict[str, BoundSubflow] = {}
         at, every = (0, 0), every_of(self._kind, options)
         own = mtk.LETTERS if self._kind == MTK else ""
@@ -289,6 +298,12 @@ class Barostat:
             return (
                 f"the barostat would make {edge} {height:.6g}, shorter than twice the cutoff, "
                 f"2 x {reach:.6g} = {2 * reach:.6g}; {advice}"
+            )
+        if cause == TOO_TILTED:
+            name, why = next(iter(self._ties.items()))
+            return (
+                f"the tilt {('yz', 'xz', 'xy')[int(which)]} of the box is {value:.3g} of an edge, more than a half, "
+                f"and the box cannot take other edges under force {name!r}: {why}; take coupling = per-axis"
             )
         if cause == TOO_STRAINED:
             return f"the barostat would strain the box by {which:.3g} at once; give a longer pressure_tau"

@@ -125,8 +125,7 @@ def c_rescale_shape(parts, t, x, v, span, step, stage):
     add_push(parts, span, state)
     shape.notes[BEGUN] = 1.0
     piston.work[0] += piston.sums[0] + heat - piston.room[0]
-    choose_edges(shape)
-    return OK
+    return choose_edges(shape)
 
 
 def action(shape: Shape, options: Options) -> BoundSubflow:

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.options import COMPRESSIBILITY, Options
 from kickdrift.integrators.splitting.barostats import c_rescale
 from kickdrift.integrators.splitting.barostats.monte_carlo import ACCEPTED, TRIED, WIDEST, draw, keep
@@ -90,8 +89,7 @@ def monte_carlo_shape(parts, t, x, v, span, step, stage):
         state[ACCEPTED] += 1.0
         piston.work[0] += got
         turn_motion(piston.molecules, piston, v, shape.room[TURN])
-        choose_edges(shape)
-        return OK
+        return choose_edges(shape)
     keep(parts.before, x)
     for k in range(6):
         piston.lengths[k] = parts.lengths[k]

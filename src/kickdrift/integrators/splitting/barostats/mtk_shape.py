@@ -92,7 +92,7 @@ def shape_stretch(parts, t, x, v, span, step, stage):
     status = strain(shape, x, v)
     if status == OK:
         turn_tensor(shape.room[TURN], shape.state)
-        choose_edges(shape)
+        status = choose_edges(shape)
         slow_centres(piston.molecules, piston, v, math.exp(-span * trace / freedom_of(piston)))
     return status
 

@@ -29,7 +29,7 @@ from kickdrift.model.state import Floats
 
 STOPPED = 3  # see integrators.stepper
 MOST = 2.0  # largest factor of the volume in one action
-TOO_SHORT, TOO_FAST, TOO_STRAINED = 1.0, 2.0, 3.0  # causes in ``trouble``
+TOO_SHORT, TOO_FAST, TOO_STRAINED, TOO_TILTED = 1.0, 2.0, 3.0, 4.0  # causes in ``trouble``
 
 
 class Piston(NamedTuple):

@@ -23,7 +23,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from kickdrift.integrators.splitting.barostats.piston import STOPPED, TOO_SHORT, TOO_STRAINED, Piston, volume
+from kickdrift.forces.seam.kernel import OK
+from kickdrift.integrators.splitting.barostats.piston import (
+    STOPPED,
+    TOO_SHORT,
+    TOO_STRAINED,
+    TOO_TILTED,
+    Piston,
+    volume,
+)
 from kickdrift.integrators.splitting.baths.bath import heat_now
 from kickdrift.jit.compile import as_written, strict
 from kickdrift.jit.inner import by_type
@@ -45,6 +53,7 @@ class Shape(NamedTuple):
 
     piston: Piston
     least: float  # height that the forces allow
+    keeps: bool  # whether a force is tied to these edges, so that others of the same lattice are not taken
     stress: Floats  # (3, 3) wanted beside the pressure; positive pulls
     reference: Floats  # (6,) edges h0, in the order of a live box
     state: Floats  # (3, 3) what the barostat keeps: velocities of the strain, or a part of the next strain
@@ -52,9 +61,10 @@ class Shape(NamedTuple):
     room: Floats  # (8, 3, 3)
 
 
-def shape_of(piston: Piston, least: float, stress: Floats) -> Shape:
+def shape_of(piston: Piston, least: float, keeps: bool, stress: Floats) -> Shape:
     """A box at rest, whose reference is the box of now."""
-    return Shape(piston, least, stress, piston.lengths.copy(), np.zeros((3, 3)), np.zeros(2), np.zeros((8, 3, 3)))
+    rooms = np.zeros((3, 3)), np.zeros(2), np.zeros((8, 3, 3))
+    return Shape(piston, least, keeps, stress, piston.lengths.copy(), *rooms)
 
 
 # --- matrices (3, 3) ---
@@ -369,6 +379,7 @@ def deform_velocities(v, f, still):
 @strict
 def choose_edges(shape):
     """Replace edges that lean by more than half an edge by other edges of the same lattice, in the reference too.
+    Return a status: STOPPED if a force is tied to the edges of now.
 
     No particle moves, since positions do not depend on the choice of edges."""
     now, first = shape.room[EDGES], shape.room[GROWN]
@@ -377,6 +388,10 @@ def choose_edges(shape):
     changed = False
     for k, m in ((2, 1), (2, 0), (1, 0)):
         if abs(now[k, m]) > 0.5 * now[m, m]:
+            if shape.keeps:
+                trouble = shape.piston.trouble
+                trouble[0], trouble[1], trouble[2] = TOO_TILTED, 3 - k - m, now[k, m] / now[m, m]
+                return STOPPED
             count = np.rint(now[k, m] / now[m, m])
             for j in range(m + 1):
                 now[k, j] -= count * now[m, j]
@@ -385,3 +400,4 @@ def choose_edges(shape):
     if changed:
         keep_edges(now, shape.piston.lengths)
         keep_edges(first, shape.reference)
+    return OK
