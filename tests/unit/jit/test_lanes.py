@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from fractions import Fraction
 
 import numpy as np
@@ -18,7 +19,9 @@ from kickdrift.jit.lanes.masks import any_lane, mask_bits, select
 from kickdrift.jit.lanes.memory import aligned, flat, load, load_like, masked_load, masked_store, store
 from kickdrift.jit.lanes.packing import fill_places, pack_counted, pack_places, packed, transpose_places
 from kickdrift.jit.lanes.single import single_exp, single_log, single_sine_cosine, zeros_in
+from kickdrift.jit.lanes.tabled import KINDS
 from kickdrift.jit.lanes.vectors import WIDTH
+from kickdrift.jit.numba_private import cpu_target
 from tests.processes import python
 
 POWERS = (1, 2, 3, 5, 6, 12, 31, 32)
@@ -395,3 +398,11 @@ for _ in range(50):
 def test_packing_is_that_of_numpy_whatever_the_processors_instructions(settings):
     done = python(PACKING, **settings)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+def test_whole_powers_of_a_mixtures_numbers_stay_in_its_table(kind):
+    """As lanes they would be exponentials of logarithms, for each pair: four times the time of Lennard-Jones."""
+    context = cpu_target.typing_context
+    context.refresh()
+    assert context.resolve_function_type(operator.pow, (kind, types.literal(6)), {}).return_type == kind

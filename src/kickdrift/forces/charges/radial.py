@@ -72,7 +72,7 @@ def _blocks(coefficients: Floats, count: int) -> Blocks:
 
 def ewald_near(alpha: float, cutoff: float, accuracy: float) -> Radial:
     """Ewald's near part erfc(alpha r) / r. The polynomial is the shortest with an error far below the accuracy."""
-    return radial_of(cutoff, _screening(alpha, cutoff, 1e-4 * accuracy))
+    return radial_of(cutoff, _screening(alpha, cutoff, 1e-3 * accuracy))
 
 
 def damped_shifted(alpha: float, cutoff: float) -> Radial:

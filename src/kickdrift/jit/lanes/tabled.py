@@ -19,7 +19,6 @@ from kickdrift.jit.lanes.vectors import (
     ARITHMETIC,
     F64X8,
     I32,
-    LARGEST_POWER,
     WIDTH,
     Lanes,
     as_lanes,
@@ -29,7 +28,7 @@ from kickdrift.jit.lanes.vectors import (
     single_type,
     whole_power,
 )
-from kickdrift.jit.numba_private import AbstractTemplate, Conversion, cgutils, infer_global, signature
+from kickdrift.jit.numba_private import Conversion, cgutils, signature
 
 ENTRIES = 16  # of a table, so four species; the tables of two species lie in the first eight
 
@@ -46,6 +45,8 @@ class Places(types.Type):
 
 class Tabled(types.Type):
     """A number for each of the ``lanes``, from a table of ``parts`` vectors."""
+
+    whole_powers = True
 
     def __init__(self, lanes: Lanes, parts: int) -> None:
         self.lanes, self.parts, self.places = lanes, parts, Places(lanes)
@@ -140,15 +141,6 @@ def _negative(context, builder, sig, args):
     return _lower_unary(
         context, builder, sig.args[0], args[0], lambda part: builder.fneg(part, flags=flags_of(context))
     )
-
-
-@infer_global(operator.pow)
-class _WholePower(AbstractTemplate):
-    """``x**k``, as for lanes."""
-
-    def generic(self, args: Any, kws: Any) -> Any:
-        whole = len(args) == 2 and isinstance(args[0], Tabled) and isinstance(args[1], types.IntegerLiteral)
-        return signature(args[0], *args) if whole and abs(args[1].literal_value) <= LARGEST_POWER else None
 
 
 @lower_builtin(operator.pow, Tabled, types.IntegerLiteral)

@@ -44,6 +44,8 @@ class Mask(types.Type):
 class Lanes(types.Type):
     """Numbers side by side, with the LLVM type ``vector``. Comparisons give a ``mask``."""
 
+    whole_powers = True
+
     def __init__(self, vector: ir.VectorType, mask: Mask) -> None:
         self.vector, self.mask = vector, mask
         super().__init__(name=f"Lanes({vector.count} x {vector.element})")
@@ -242,10 +244,13 @@ def _negative(context, builder, sig, args):
 
 @infer_global(operator.pow)
 class _WholePower(AbstractTemplate):
-    """``x**k`` for a literal whole k from -LARGEST_POWER to LARGEST_POWER. For other exponents see `elementary`."""
+    """``x**k`` for a literal whole k from -LARGEST_POWER to LARGEST_POWER, of lanes and of types that become lanes.
+
+    It stands before the other powers of lanes, see `elementary`: numba takes the first template that fits, and those
+    would turn a table into lanes and take logarithms."""
 
     def generic(self, args: Any, kws: Any) -> Any:
-        whole = len(args) == 2 and isinstance(args[0], Lanes) and isinstance(args[1], types.IntegerLiteral)
+        whole = len(args) == 2 and hasattr(args[0], "whole_powers") and isinstance(args[1], types.IntegerLiteral)
         return signature(args[0], *args) if whole and abs(args[1].literal_value) <= LARGEST_POWER else None
 
 
