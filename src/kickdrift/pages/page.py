@@ -80,7 +80,7 @@ def write_page(name: str, output: str | os.PathLike[str], *, overwrite: bool = F
         about=html.escape(page.about),
         style=_asset("page.css"),
         module=as_json({**built(name), "python": page.python, **shown}),
-        viewer=f'<script type="module">{bundle()}</script>\n' if shown else "",
+        viewer=f'<script type="module">{bundle()}</script>\n' if "scene" in shown else "",
         script=scripts,
     )
     with written_whole(target, PAGE, overwrite=overwrite) as part:

@@ -103,21 +103,23 @@ def shown_system(path: str) -> dict[str, Any]:
 
 def _runs(module: Module, system: System, methods: Methods) -> dict[str, Any]:
     """What a page runs: the System by each of these methods with its options, by the method's name."""
-    return {name: _run(module, system, name, {**options, "dt": _step(system)}) for name, options in methods.items()}
+    return {name: run_of(module, system, name, {**options, "dt": _step(system)}) for name, options in methods.items()}
 
 
-def _run(module: Module, system: System, name: str, options: dict[str, float]) -> dict[str, Any]:
+def run_of(module: Module, system: System, name: str, options: dict[str, float]) -> dict[str, Any]:
+    """What a page runs: the System by the method of this name, from its start."""
     method, flow = INTEGRATORS[name], ParticleFlow(system, 1, False)
     flow.forces.forces = tuple(map(_roomy, flow.forces.forces))
     y = flow.array(system.state)
     flow.tune(y, options["dt"] / max(1, method.evaluations))
-    stepper = method.stepper(flow, Options(seed=system.seed or 0, **options))
+    stepper = method.stepper(flow, method.checked(Options(seed=system.seed or 0, **options), Options()))
     for force in flow.forces.forces:
         if isinstance(force, PairKernel):
             for each in WRITTEN_FIRST:
                 getattr(force.pairs, each)[...] = 0  # a page holds no chance numbers
-    stepper.reset(y, 0.0, 0)
-    return module.runs(system, stepper) | {"options": options}
+    begin = stepper.begin_at if hasattr(stepper, "compiled_start") else stepper.reset  # no driver may run here
+    begin(y, 0.0, 0)
+    return module.runs(system, stepper, flow.forces) | {"options": options}
 
 
 def _roomy(force: Any) -> Any:

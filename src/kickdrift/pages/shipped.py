@@ -18,6 +18,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.odes import ODES
 from kickdrift.pages.module import Module
 from kickdrift.pages.particles import liquid_runs, page_system, shown_system, system_runs
+from kickdrift.pages.planets import planets_runs, shown_planets
 from kickdrift.systemfile.files import is_shipped
 from kickdrift.text import shown, suggestion
 
@@ -175,6 +176,17 @@ PAGES = {
         "\n"
         'system = kd.load("lj-1000").with_forces(kd.LennardJones(cutoff={cutoff}, truncation="shift"))\n' + SIMULATION,
         partial(shown_system, "lj-1000"),
+    ),
+    "planets": Page(
+        "Planets",
+        "The solar system by Wisdom-Holman and by leapfrog, side by side, with planets that you add.",
+        "planets.js",
+        planets_runs,
+        "import kickdrift as kd\n"
+        "\n"
+        'sim = kd.Simulation(kd.load("solar-system"), "{method}", dt={dt})\n'
+        "{lines}print(sim.run(1000, every=10).energy)",
+        shown_planets,
     ),
 }
 

@@ -108,11 +108,11 @@ export class Figure {
     ink.stroke();
   }
 
-  dot(x, y, colour) {
+  dot(x, y, colour, radius = 5) {
     const ink = this.context;
     ink.fillStyle = this.colour(colour);
     ink.beginPath();
-    ink.arc(this.x(x), this.y(y), 5, 0, 2 * Math.PI);
+    ink.arc(this.x(x), this.y(y), radius, 0, 2 * Math.PI);
     ink.fill();
   }
 }

@@ -129,6 +129,7 @@ export class Run {
     this.shape = given.y.slice(1);
     this.y = new Float64Array(buffer, given.y[0], this.shape.reduce((a, b) => a * b, 1));
     this.cursor = new BigInt64Array(buffer, this.steps.place("cursor"), 5);
+    this.first = given.first && new Call(exports, index, given.first); // the first step, of a method that begins apart
     this.looks = given.energy && new Call(exports, index, given.energy);
     if (this.looks) {
       const place = given.energy.kinds.length === 3 ? this.looks.args[2] : this.looks.place("sums");
@@ -149,7 +150,7 @@ export class Run {
     this.cursor.fill(0n);
     for (const made of this.lists) made[0] = 0n;
     this.dt = dt;
-    this.steps.set("dt", dt);
+    for (const call of [this.steps, this.first]) call?.set("dt", dt);
     this.done = 0;
     this.status = 0;
   }
@@ -162,14 +163,19 @@ export class Run {
 
   /** Take steps; return 0, or a status other than 0 if y is no longer finite. */
   advance(count) {
-    const most = this.masses ? AT_ONCE : count;
-    for (let left = count; left > 0 && !this.status; left -= most) {
+    const most = this.masses ? AT_ONCE : count, end = this.done + count, take = (steps) => {
       this.steps.set("first", this.done);
-      this.steps.set("steps", Math.min(left, most));
+      this.steps.set("steps", steps);
       this.status = this.steps.run();
       this.done += Number(this.cursor[STEP]);
       this.cursor[STEP] = 0n;
+    };
+    if (this.first && !this.done && count > 0) {
+      this.status = this.first.run();
+      this.done += Number(this.cursor[STEP]);
+      if (!this.status) take(Math.min(count, most) - 1); // also none: y is the state only after these
     }
+    while (this.done < end && !this.status) take(Math.min(end - this.done, most));
     return this.status;
   }
 
