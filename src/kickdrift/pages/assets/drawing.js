@@ -139,6 +139,7 @@ export async function begin(page) {
   theme.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
   try {
     const given = JSON.parse(document.getElementById("module").textContent);
+    await new Promise((done) => requestAnimationFrame(() => setTimeout(done))); // the heading is there before the figures
     const redraw = await page(root, await load(given), (values) => {
       const text = given.python.replace(/\{(\w+)\}/g, (_, name) => values[name]);
       document.getElementById("python").textContent = text;

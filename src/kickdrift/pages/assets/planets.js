@@ -83,7 +83,8 @@ async function page(root, runs, python, { names, added, most, G, methods, tilt, 
   add.addEventListener("click", () => restart(planet(...chosen())));
   meet.addEventListener("click", () => {
     begin();
-    const [x, y] = flat(run(0).y, names.indexOf("Jupiter")), ahead = 0.2, out = 1.05;
+    mass.element.querySelector("select").value = "a Jupiter";
+    const [x, y] = flat(run(0).y, names.indexOf("Jupiter")), ahead = 0.3, out = 1.15;
     restart(planet([out * (Math.cos(ahead) * x - Math.sin(ahead) * y), out * (Math.sin(ahead) * x + Math.cos(ahead) * y)]));
   });
   pause.addEventListener("click", () => {
@@ -172,9 +173,9 @@ async function page(root, runs, python, { names, added, most, G, methods, tilt, 
       }
     }
     say();
-    error.begin([looks[0]?.[0] + 2000, Math.max(looks.at(-1)?.[0], looks[0]?.[0] + 1e-3) + 2000], [1e-16, 10],
-      { log: true, xlabel: "year", ylabel: "|E - E0| / |E0|", said: text.textContent });
-    methods.forEach((_, k) => error.line(looks.map((each) => [each[0] + 2000, each[k + 1]]), k ? "--b" : "--a"));
+    const [from, to] = [looks[0]?.[0] ?? 0, looks.at(-1)?.[0] ?? 0];
+    error.begin([from, Math.max(to, from + 0.01)], [1e-16, 10], { log: true, xlabel: "years since 2000", ylabel: "|E - E0| / |E0|", said: text.textContent });
+    methods.forEach((_, k) => error.line(looks.map((each) => [each[0], each[k + 1]]), k ? "--b" : "--a"));
   }
 
   function say() {

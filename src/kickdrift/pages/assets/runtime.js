@@ -204,3 +204,25 @@ export class Run {
     return sum;
   }
 }
+
+const APART = 1e-8; // distance of the neighbour that stands for a tangent vector
+
+/** Growth of a tangent vector along a motion: times, and logarithms of its length over that at the start.
+ *
+ * A neighbour at a small distance is brought back to that distance after each sample (Benettin, Galgani & Strelcyn 1976,
+ * doi:10.1103/PhysRevA.14.2338). */
+export function growth(run, start, dt, steps, every) {
+  let one = Float64Array.from(start), log = 0;
+  let two = one.map((each, k) => each + (k ? 0 : APART));
+  const found = [[0, 0]], after = (y, count) => { run.reset(y, dt); run.advance(count); return Float64Array.from(run.y); };
+  for (let done = 0; done < steps; done += every) {
+    const count = Math.min(every, steps - done);
+    [one, two] = [after(one, count), after(two, count)];
+    const way = two.map((each, k) => each - one[k]), length = Math.hypot(...way);
+    if (!(length > 0 && Number.isFinite(length))) break;
+    log += Math.log(length / APART);
+    two = one.map((each, k) => each + (way[k] * APART) / length);
+    found.push([(done + count) * dt, log]);
+  }
+  return found;
+}
