@@ -199,7 +199,10 @@ def callback(function: Callable[..., Any], of: Any, kind: types.Type) -> Any:
 def address_of(driver: Any, *args: Any) -> int:
     """Address of a driver's machine code for arguments of these types, for ``status_at``. It is valid while the driver
     lives."""
-    kinds = tuple(driver.typeof_pyval(each) for each in args)
+    return _address_for(driver, tuple(driver.typeof_pyval(each) for each in args))
+
+
+def _address_for(driver: Any, kinds: tuple[Any, ...]) -> int:
     if kinds not in driver.overloads:
         driver.compile(kinds)
     compiled = driver.overloads[kinds]

@@ -57,23 +57,28 @@ class Module:
                 """Nothing is left to do."""
 
         handle.CFunc = Callback
+        handle._address_for = self._address
 
-    def runs(self, subject: System | Problem, stepper: Any) -> dict[str, Any]:
+    def runs(self, subject: System | Problem, stepper: Any, forces: Any = None) -> dict[str, Any]:
         """What a page needs to run a subject by a stepper at its start: calls of its steps and energy, and y.
 
-        For particles, also their masses, what tells that a list is made, and sqrt(k_B T / m) of heat baths."""
+        For particles, also their masses, what tells that a list is made, and sqrt(k_B T / m) of heat baths. ``forces``
+        are all that act on the particles, for the energy."""
         if isinstance(subject, Problem):
             self._equation(subject)
         if stepper.compiled_steps is None:
             raise InputError("page: this method takes steps in Python, and a page holds compiled steps alone")
-        loop, forces, own = stepper.compiled_steps
-        table, y = forces.table, stepper.y
-        steps = self._call(loop, (table, *own, 0, 1, np.zeros(SLOTS, np.int64)))
+        loop, bound, own = stepper.compiled_steps
+        y, cursor = stepper.y, np.zeros(SLOTS, np.int64)
+        steps = self._call(loop, (bound.table, *own, 0, 1, cursor))
         given = {"steps": steps, "y": [self._image.array(y), *y.shape], "dt": stepper.dt}
+        if hasattr(stepper, "compiled_start"):
+            loop, bound, own = stepper.compiled_start
+            given["first"] = self._call(loop, (bound.table, *own, cursor))
         if isinstance(subject, Problem):
             return {**given, "energy": self._energy(subject, y)}
         places = np.zeros(y.shape[1:]), np.zeros(3), np.zeros(SLOTS, np.int64)
-        energy = self._call(measure, (table, 0.0, y, *places))
+        energy = self._call(measure, (forces.table, 0.0, y, *places))
         lists = [self._image.array(force.pairs.counts[BUILT:]) for force in forces.forces if hasattr(force, "pairs")]
         baths = [(self._image.array(spread), len(spread)) for spread in self._spreads]
         self._spreads.clear()
@@ -119,6 +124,18 @@ class Module:
                 "  ret void\n}" if silent else "  %found = select i1 %good, i64 %status, i64 -1\n  ret i64 %found\n}",
             ]
         return self._known[key]
+
+    def _address(self, driver: Any, kinds: Sequence[Any]) -> int:
+        """Whole number that stands for the address of a driver's own code, which other compiled code calls."""
+        key = driver, tuple(kinds), "address"
+        if key not in self._known:
+            made = lowered(driver.py_func, kinds, fastmath=FAST_MATH)
+            self._known[key] = f'"{made.name}"'
+            self._texts.append(made)
+            self._glue.append(f'declare i32 @"{made.name}"({", ".join(("ptr", "ptr", *made.kinds))})')
+        number = _FIRST + 2 * len(self._image.places)
+        self._image.places[number] = self._known[key]
+        return number
 
     def _call(self, driver: Any, args: tuple[Any, ...]) -> dict[str, Any]:
         """Call of a driver: the function's name, its arguments, and where each of them begins."""

@@ -19,6 +19,7 @@ from kickdrift.view.page import POLICY, as_json, bundle
 
 # WebAssembly is compiled in the page, and nothing else that a script could make
 POLICY_OF_PAGES = POLICY.replace("script-src 'unsafe-inline'", "script-src 'unsafe-inline' 'wasm-unsafe-eval'")
+SHARED = ("runtime.js", "drawing.js", "verdict.js")
 TEXT = """\
 <!DOCTYPE html>
 <html lang="en">
@@ -72,7 +73,7 @@ def write_page(name: str, output: str | os.PathLike[str], *, overwrite: bool = F
     """
     page = page_of(name)
     target = checked_target(output, PAGE, overwrite, [])
-    scripts = "\n".join(_asset(each).replace("export ", "") for each in ("runtime.js", "drawing.js", page.script))
+    scripts = "\n".join(_asset(each).replace("export ", "") for each in (*SHARED, page.script))
     shown = page.shown() if page.shown else {}
     text = TEXT.format(
         policy=POLICY_OF_PAGES,
@@ -80,7 +81,7 @@ def write_page(name: str, output: str | os.PathLike[str], *, overwrite: bool = F
         about=html.escape(page.about),
         style=_asset("page.css"),
         module=as_json({**built(name), "python": page.python, **shown}),
-        viewer=f'<script type="module">{bundle()}</script>\n' if shown else "",
+        viewer=f'<script type="module">{bundle()}</script>\n' if "scene" in shown else "",
         script=scripts,
     )
     with written_whole(target, PAGE, overwrite=overwrite) as part:

@@ -15,7 +15,6 @@ from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
 from kickdrift.integrators.options import Options
 from kickdrift.integrators.splitting.method import Splitting
-from kickdrift.model.problem import Problem
 from kickdrift.model.system import System
 from kickdrift.pages.module import Module
 from kickdrift.systemfile.reading import load
@@ -28,6 +27,7 @@ WRITTEN_FIRST = ("near", "rows", "thread_force", "force", "moving")  # arrays of
 CUTOFFS = (2.5, 1.12, 3.5)  # of the liquid, in sigma: the first at the start; the second leaves little but repulsion
 FRICTION = 1.0  # of the liquid's bath
 OTHERS = ("velocity-verlet", "yoshida4", "symplectic-euler")  # methods beside the system's own
+KEPLER = "wisdom-holman"
 Methods = Mapping[str, Mapping[str, float]]
 
 
@@ -42,12 +42,11 @@ def liquid_runs(module: Module) -> dict[str, Any]:
     return found
 
 
-def system_runs(path: str, module: Module) -> dict[str, Any]:
-    """The system of a file by its own method and others, by name. Raises InputError for what a page cannot hold."""
-    system = page_system(path)
+def system_runs(system: System, module: Module) -> dict[str, Any]:
+    """A user's system by its own method and others, by name."""
     assert system.run is not None
     names = dict.fromkeys([system.run.integrator or OTHERS[0], *OTHERS])
-    methods: dict[str, dict[str, float]] = {each: {} for each in names if _kept(each)}
+    methods: dict[str, dict[str, float]] = {each: {} for each in names if _kept(each, system)}
     if system.box.periodic and system.degrees_of_freedom and (warmth := _temperature(system)):
         methods["baoab"] = {"temperature": warmth, "friction": 0.01 / _step(system)}
     return _runs(module, system, methods)
@@ -64,17 +63,24 @@ def _temperature(system: System) -> float:
     return 2.0 * energy / (system.degrees_of_freedom * system.units.boltzmann)
 
 
-def _kept(name: str) -> bool:
-    """Whether a page can take steps by this method: a word of kicks and drifts alone."""
+def _kept(name: str, system: System) -> bool:
+    """Whether a page can take steps by this method: a word of kicks and drifts alone, or Wisdom and Holman's under
+    gravity alone."""
     method = INTEGRATORS.get(name)
+    if name == KEPLER:
+        return len(system.forces) == 1 and isinstance(system.forces[0], Gravity)
     return type(method) is Splitting and not method.further and not method.groups
 
 
-def page_system(path: str) -> System:
+def page_system(name: str) -> System:
+    """A shipped System that a page can hold."""
+    system = load(name)
+    assert isinstance(system, System)
+    return checked_system(name, system)
+
+
+def checked_system(path: str, system: System) -> System:
     """The System of a file. Raises InputError for what a page cannot hold, with its reason."""
-    system = load(path)
-    if isinstance(system, Problem):
-        raise InputError(f"page {shown(path)}: has equations, and a page of one's own holds particles")
     if len(system) > MOST:
         raise InputError(f"page {shown(path)}: has {len(system):,} particles; a page holds {MOST:,}")
     if system.run is None or system.run.dt is None:
@@ -92,9 +98,8 @@ def page_system(path: str) -> System:
     return system
 
 
-def shown_system(path: str) -> dict[str, Any]:
+def shown_system(system: System) -> dict[str, Any]:
     """What the page knows beside the runs: a scene for the viewer, the edges of the box, and Boltzmann's constant."""
-    system = page_system(path)
     scene = scene_of(system, colour="speed" if system.box.periodic else None) | {"notes": []}
     for chunk in scene["chunks"]:
         chunk["ellipses"] = None  # they hold for the start alone
@@ -103,21 +108,23 @@ def shown_system(path: str) -> dict[str, Any]:
 
 def _runs(module: Module, system: System, methods: Methods) -> dict[str, Any]:
     """What a page runs: the System by each of these methods with its options, by the method's name."""
-    return {name: _run(module, system, name, {**options, "dt": _step(system)}) for name, options in methods.items()}
+    return {name: run_of(module, system, name, {**options, "dt": _step(system)}) for name, options in methods.items()}
 
 
-def _run(module: Module, system: System, name: str, options: dict[str, float]) -> dict[str, Any]:
+def run_of(module: Module, system: System, name: str, options: dict[str, float]) -> dict[str, Any]:
+    """What a page runs: the System by the method of this name, from its start."""
     method, flow = INTEGRATORS[name], ParticleFlow(system, 1, False)
     flow.forces.forces = tuple(map(_roomy, flow.forces.forces))
     y = flow.array(system.state)
     flow.tune(y, options["dt"] / max(1, method.evaluations))
-    stepper = method.stepper(flow, Options(seed=system.seed or 0, **options))
+    stepper = method.stepper(flow, method.checked(Options(seed=system.seed or 0, **options), Options()))
     for force in flow.forces.forces:
         if isinstance(force, PairKernel):
             for each in WRITTEN_FIRST:
                 getattr(force.pairs, each)[...] = 0  # a page holds no chance numbers
-    stepper.reset(y, 0.0, 0)
-    return module.runs(system, stepper) | {"options": options}
+    begin = stepper.begin_at if hasattr(stepper, "compiled_start") else stepper.reset  # no driver may run here
+    begin(y, 0.0, 0)
+    return module.runs(system, stepper, flow.forces) | {"options": options}
 
 
 def _roomy(force: Any) -> Any:

@@ -9,20 +9,17 @@ from typing import Any, NamedTuple
 
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
-from kickdrift.integrators.flows.problem_flow import ProblemFlow
-from kickdrift.integrators.options import Options
 from kickdrift.integrators.runge_kutta.method import Tableau
-from kickdrift.integrators.splitting.method import Splitting
-from kickdrift.integrators.splitting.stormer import Stormer
 from kickdrift.model.problem import Problem
 from kickdrift.odes import ODES
+from kickdrift.pages.equations import checked_problem, compared, own_runs, shown_problem, stepper_of
 from kickdrift.pages.module import Module
-from kickdrift.pages.particles import liquid_runs, page_system, shown_system, system_runs
+from kickdrift.pages.particles import checked_system, liquid_runs, page_system, shown_system, system_runs
+from kickdrift.pages.planets import planets_runs, shown_planets
 from kickdrift.systemfile.files import is_shipped
+from kickdrift.systemfile.python_file import load_or_run
+from kickdrift.systemfile.reading import load
 from kickdrift.text import shown, suggestion
-
-STEP = 0.1
-COMPARED = ("harmonic-oscillator", "pendulum", "kepler")
 
 
 class Page(NamedTuple):
@@ -46,29 +43,6 @@ class Page(NamedTuple):
     shown: Callable[[], dict[str, Any]] | None = None
 
 
-def fixed_step_methods() -> dict[str, Any]:
-    """Methods of fixed steps for Problems, by name, without heat baths."""
-    kinds = (Splitting, Stormer, Tableau)
-    return {
-        method.name: method
-        for method in INTEGRATORS.values()
-        if type(method) in kinds and not method.adaptive and not method.bath
-    }
-
-
-def _compared(module: Module) -> dict[str, Any]:
-    """Every fixed-step method on three Problems; names are "problem method"."""
-    found = {}
-    for name in COMPARED:
-        problem = ODES[name]()
-        for method in fixed_step_methods().values():
-            found[f"{name} {method.name}"] = module.runs(*_stepper(problem, method)) | {
-                "order": method.order,
-                "symplectic": method.symplectic,
-            }
-    return found
-
-
 def _linear(t: float, y: Any) -> Any:
     """z' = lambda z with complex numbers: y is z, then lambda, real and imaginary parts."""
     return y[2] * y[0] - y[3] * y[1], y[3] * y[0] + y[2] * y[1], 0.0, 0.0
@@ -79,7 +53,7 @@ def _stability(module: Module) -> dict[str, Any]:
     problem = Problem(_linear, [1.0, 0.0, 0.0, 0.0], name="z' = lambda z")
     methods = {each.name: each for each in INTEGRATORS.values() if isinstance(each, Tableau)}
     return {
-        name: module.runs(*_stepper(problem, _with_fixed_steps(each), 1.0)) | {"order": each.order}
+        name: module.runs(*stepper_of(problem, _with_fixed_steps(each), 1.0)) | {"order": each.order}
         for name, each in methods.items()
     }
 
@@ -105,11 +79,31 @@ def double_pendulum(y0: Sequence[float] = (2.0, 2.5, 0.0, 0.0)) -> Problem:
     return Problem(_double_pendulum, y0, energy=_energy_of_double_pendulum, name="double-pendulum")
 
 
+def _three_bodies(t: float, y: Any) -> Any:
+    x12, y12, x13, y13, x23, y23 = y[2] - y[0], y[3] - y[1], y[4] - y[0], y[5] - y[1], y[4] - y[2], y[5] - y[3]
+    a, b, c = x12 * x12 + y12 * y12, x13 * x13 + y13 * y13, x23 * x23 + y23 * y23
+    a, b, c = 1.0 / (a * math.sqrt(a)), 1.0 / (b * math.sqrt(b)), 1.0 / (c * math.sqrt(c))
+    return (
+        y[6], y[7], y[8], y[9], y[10], y[11], a * x12 + b * x13, a * y12 + b * y13, c * x23 - a * x12,
+        c * y23 - a * y12, -b * x13 - c * x23, -b * y13 - c * y23,
+    )  # fmt: skip
+
+
+def three_bodies(y0: Sequence[float] | None = None) -> Problem:
+    """Three bodies of mass 1 in a plane where G = 1; y is three positions and three velocities. They begin on the figure
+    eight, a periodic orbit, unless ``y0`` says otherwise.
+
+    Source: Chenciner & Montgomery 2000, doi:10.2307/2661357."""
+    if y0 is None:
+        y0 = load("figure-eight").state.phase.transpose(0, 2, 1)[:, :, :2].ravel()  # type: ignore[union-attr]
+    return Problem(_three_bodies, y0, name="three-bodies")
+
+
 def _chaos(module: Module) -> dict[str, Any]:
-    """Two methods on three Problems whose motion can be chaotic; names are "problem method"."""
-    problems = (double_pendulum(), ODES["henon-heiles"](), ODES["lorenz"]())
+    """Two methods on four Problems whose motion can be chaotic; names are "problem method"."""
+    problems = (double_pendulum(), three_bodies(), ODES["henon-heiles"](), ODES["lorenz"]())
     return {
-        f"{problem.name} {name}": module.runs(*_stepper(problem, _with_fixed_steps(INTEGRATORS[name])))
+        f"{problem.name} {name}": module.runs(*stepper_of(problem, _with_fixed_steps(INTEGRATORS[name])))
         for problem in problems
         for name in ("rk4", "dop853")
     }
@@ -120,23 +114,20 @@ def _with_fixed_steps(method: Any) -> Tableau:
     return replace(method, errors=(), error_order=0, dense=(), extra=())
 
 
-def _stepper(problem: Problem, method: Any, dt: float = STEP) -> tuple[Problem, Any]:
-    """The Problem, and the method's stepper at its start."""
-    flow = ProblemFlow(problem, 1, method.trial_steps)
-    stepper = method.stepper(flow, Options(dt=dt))
-    stepper.reset(flow.array(problem.state), problem.t0, 0)
-    return problem, stepper
-
 
 SIMULATION = """\
 sim = kd.Simulation(system, "{method}", dt={dt}{options})
 print(sim.run({steps}, every={every}).energy)"""
+SIMULATION_OF_PROBLEM = """\
+sim = kd.Simulation(system, "{method}", dt={dt})
+sim.run({steps})
+print(sim.state.y)"""
 PAGES = {
     "which-integrator": Page(
         "Which integrator?",
         "Two methods side by side on an oscillator, a pendulum or an orbit: the path, the energy error, the cost.",
         "which.js",
-        _compared,
+        compared,
         "import kickdrift as kd\n"
         "from kickdrift.odes import {problem}\n"
         "\n"
@@ -156,7 +147,7 @@ PAGES = {
     ),
     "chaos": Page(
         "How fast do neighbours part?",
-        "Two copies of a double pendulum, a star in a galaxy or the Lorenz equations that begin almost alike.",
+        "Two copies of a double pendulum, three bodies, a star in a galaxy or the Lorenz equations that begin almost alike.",
         "chaos.js",
         _chaos,
         "import kickdrift as kd\n"
@@ -174,7 +165,18 @@ PAGES = {
         "import kickdrift as kd\n"
         "\n"
         'system = kd.load("lj-1000").with_forces(kd.LennardJones(cutoff={cutoff}, truncation="shift"))\n' + SIMULATION,
-        partial(shown_system, "lj-1000"),
+        lambda: shown_system(page_system("lj-1000")),
+    ),
+    "planets": Page(
+        "Planets",
+        "The solar system by Wisdom-Holman and by leapfrog, side by side, with planets that you add.",
+        "planets.js",
+        planets_runs,
+        "import kickdrift as kd\n"
+        "\n"
+        'sim = kd.Simulation(kd.load("solar-system"), "{method}", dt={dt})\n'
+        "{lines}print(sim.run(1000, every=10).energy)",
+        shown_planets,
     ),
 }
 
@@ -189,12 +191,26 @@ def page_of(name: str) -> Page:
         raise InputError(
             f"page {shown(name)} is unknown{suggestion(name, PAGES)}; pages: {', '.join(PAGES)}, or a system"
         )
-    system = page_system(name)
+    subject = load_or_run(name)
+    lines = f"system = kd.load({name!r})\n"
+    if name.endswith(".py"):
+        lines = f"from kickdrift.systemfile.python_file import load_or_run\n\nsystem = load_or_run({name!r})\n"
+    if isinstance(subject, Problem):
+        problem = checked_problem(name, subject)
+        return Page(
+            problem.name,
+            "Two methods side by side: the path and the energy error, or two unknowns over time.",
+            "which.js",
+            partial(own_runs, problem),
+            f"import kickdrift as kd\n{lines}" + SIMULATION_OF_PROBLEM,
+            partial(shown_problem, problem),
+        )
+    system = checked_system(name, subject)
     return Page(
         system.name,
         f"{len(system):,} particles that move while you change method and step.",
         "particles.js",
-        partial(system_runs, name),
-        f"import kickdrift as kd\n\nsystem = kd.load({name!r})\n" + SIMULATION,
-        partial(shown_system, name),
+        partial(system_runs, system),
+        f"import kickdrift as kd\n{lines}" + SIMULATION,
+        partial(shown_system, system),
     )

@@ -56,7 +56,7 @@ class TraceStepper(WisdomHolmanStepper):
         self._hybrid = hybrid_of(bodies, self._reach, self._way, self._inner, others, self._moving)
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
-        self._begin_at(y.copy(), time, steps)
+        self.begin_at(y.copy(), time, steps)
         for flags in (self._hybrid.counts, self._hybrid.near, self._hybrid.meets, self._hybrid.passes):
             flags[...] = 0
         self._enter(y)

@@ -4,10 +4,13 @@
 weights are as in any splitting. Positions and velocities are rounded as in ``coordinates``.
 """
 
+import math
+
 import numpy as np
 
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.stepping.loops import FRESH, STAGE, STEP
+from kickdrift.integrators.wisdom_holman.bodies import GM
 from kickdrift.integrators.wisdom_holman.eight import steps_of_eight, takes
 from kickdrift.integrators.wisdom_holman.flows import drift, jump
 from kickdrift.integrators.wisdom_holman.kernels import kick
@@ -110,6 +113,59 @@ def leave(orbit, carry, centre, slots, listed, masses, jacobi, y):
                 leave_jacobi(orbit, carry, centre, slots, listed, masses, half, k, y)
             else:
                 leave_democratic(orbit, carry, centre, slots, listed, masses, half, k, y)
+
+
+FAR = 4.0  # padding bodies circle this many times as far out as the farthest body
+
+
+@strict
+def enter_jacobi(orbit, centre, slots, listed, masses, half, k, y):
+    """One axis of ``coordinates.to_jacobi``."""
+    moved, total, before = 0.0, 0.0, 0.0
+    for body in range(listed.size):
+        own = y[half, k, listed[body]]
+        if body:
+            orbit[3 * half + k, slots[body]] = own - before
+        moved += masses[0, body] * own
+        total += masses[0, body]
+        before = moved / total
+    centre[half, k] = before
+
+
+@strict
+def fill_padding(orbit, table, order):
+    """Put the bodies that fill up the lanes on distant circles, no two of them at one place."""
+    farthest = 0.0
+    for slot in range(order.size):
+        if order[slot] >= 0:
+            x, y, z = orbit[0, slot], orbit[1, slot], orbit[2, slot]
+            farthest = max(farthest, math.sqrt(x * x + y * y + z * z))
+    farthest = FAR * farthest if farthest > 0.0 else 1.0
+    for slot in range(order.size):
+        if order[slot] < 0:
+            out = farthest * (1.0 + slot)
+            orbit[:, slot] = 0.0
+            orbit[0, slot], orbit[4, slot] = out, math.sqrt(table[GM, slot] / out)
+
+
+@driver
+def enter(bodies, slots, listed, masses, y):
+    """The map's coordinates <- positions and velocities (2, 3, n). Democratic heliocentric ones are there already."""
+    if bodies.jacobi:
+        bodies.centre[:] = 0.0
+        for half in range(2):
+            for k in range(3):
+                enter_jacobi(bodies.orbit, bodies.centre, slots, listed, masses, half, k, y)
+    fill_padding(bodies.orbit, bodies.table, bodies.order)
+    bodies.carry[:] = 0.0
+
+
+@driver
+def first_step(forces, loop, bodies, begin, slots, listed, masses, dt, start, y, cursor):
+    """Enter y, and take the first step with the loop at an address, but for its last drift. Return a status."""
+    enter(bodies, slots, listed, masses, y)
+    cursor[STEP:] = 0
+    return status_at(loop, (forces, bodies, begin, dt, start, 0, 1, cursor))
 
 
 @inlined

@@ -20,12 +20,12 @@ from kickdrift.integrators.stepping.stepping import CompiledSteps, Regular, Reti
 from kickdrift.integrators.wisdom_holman import bodies as rows
 from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
 from kickdrift.integrators.wisdom_holman.kernels import CORRECTION, KICKS, kernel_of
-from kickdrift.integrators.wisdom_holman.loop import leave, listed_masses, shown_steps, wisdom_holman_loop
+from kickdrift.integrators.wisdom_holman.loop import enter, first_step, leave, listed_masses, shown_steps, wisdom_holman_loop
 from kickdrift.jit.handle import address_of
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
 from kickdrift.model.memory import Memory
-from kickdrift.model.starts.coordinates import to_democratic, to_jacobi
+from kickdrift.model.starts.coordinates import to_democratic
 from kickdrift.model.state import Floats
 from kickdrift.text import measured
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.model.system import System
 
-FAR = 4.0  # padding bodies circle this many times as far out as the farthest body
 STEPS_PER_PERIOD = 20  # least steps in a pericentre passage (Wisdom 2015; Rein & Tamayo 2015)
 
 
@@ -129,19 +128,13 @@ class WisdomHolmanStepper(Retimed, Regular):
     def _enter(self, y: Floats) -> None:
         """The map's coordinates from positions and velocities (2, 3, n)."""
         bodies = self._bodies
-        x, v = y.transpose(0, 2, 1)[:, self._listed]
-        masses = bodies.shares[self._listed]
-        q = np.array(
-            (to_jacobi(x, masses), to_jacobi(v, masses)) if self._jacobi else to_democratic(x, v, masses)
-        ).transpose(0, 2, 1)
-        bodies.centre[...] = 0.0
-        bodies.centre[:2, :3] = q[:, :, 0]
-        farthest = FAR * float(np.sqrt((q[0, :, 1:] ** 2).sum(axis=0)).max(initial=0.0)) or 1.0
-        out = farthest * (1.0 + np.arange(len(self._real)))  # no two of them at one place
-        speed = np.sqrt(bodies.table[rows.GM] / out)
-        for row, filling in enumerate((out, 0.0, 0.0, 0.0, speed, 0.0)):
-            bodies.orbit[row] = np.where(self._real, q.reshape(6, -1)[row, self._row], filling)
-        bodies.carry[...] = 0.0
+        if not self._jacobi:
+            x, v = y.transpose(0, 2, 1)[:, self._listed]
+            q = np.array(to_democratic(x, v, bodies.shares[self._listed])).transpose(0, 2, 1)
+            bodies.centre[...] = 0.0
+            bodies.centre[:2, :3] = q[:, :, 0]
+            bodies.orbit[...] = q.reshape(6, -1)[:, self._row]
+        enter(bodies, self._slots, self._listed, self._masses, y)
 
     def _leave(self, bodies: rows.Bodies) -> Floats:
         """(2, 3, n) positions and velocities."""
@@ -152,11 +145,12 @@ class WisdomHolmanStepper(Retimed, Regular):
     # --- steps ---
 
     def reset(self, y: Floats, time: float, steps: int) -> None:
-        self._begin_at(y, time, steps)
+        self.begin_at(y, time, steps)
         self._enter(y)
         self._look_at_start()
 
-    def _begin_at(self, y: Floats, time: float, steps: int) -> None:
+    def begin_at(self, y: Floats, time: float, steps: int) -> None:
+        """Begin at y, but for the map's coordinates."""
         self.y, self.steps_done = y, steps
         self._start = time - steps * self.dt
         self._hold(y)
@@ -171,7 +165,7 @@ class WisdomHolmanStepper(Retimed, Regular):
         if run._under_way and not run._shows:
             run._synchronise()
         own, there = self._bodies, run._shown if run._under_way else run._bodies
-        self._begin_at(run.y.copy(), run.time, run.steps_done)
+        self.begin_at(run.y.copy(), run.time, run.steps_done)
         for key in ("orbit", "carry", "centre"):
             getattr(own, key)[...] = getattr(there, key)
         own.table[rows.HILL], self._shortest = run._hill, run._shortest
@@ -231,14 +225,27 @@ class WisdomHolmanStepper(Retimed, Regular):
         if self._others.forces:  # their lists are made anew for the shown state
             return None
         own, shown, others = self._bodies, self._shown, self._others
-        if self._loop_at is None:
-            given_there = own, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
-            self._loop_at = address_of(wisdom_holman_loop, self._others.table, *given_there)
         given = (
-            others.table, self._loop_at, own, shown, self._step, self._end, self._decorrect, self._aside, self._slots,
+            others.table, self._address(), own, shown, self._step, self._end, self._decorrect, self._aside, self._slots,
             self._listed, self._masses, self.dt, self._start, self.y,
         )  # fmt: skip
         return shown_steps, others, given
+
+    @property
+    def compiled_start(self) -> CompiledSteps:
+        """The first step from ``y``, likewise; its driver takes the cursor alone after these arguments."""
+        given = (
+            self._address(), self._bodies, self._begin, self._slots, self._listed, self._masses, self.dt, self._start,
+            self.y,
+        )  # fmt: skip
+        return first_step, self._others, given
+
+    def _address(self) -> int:
+        """Address of the loop's machine code."""
+        if self._loop_at is None:
+            given = self._bodies, self._step, self.dt, self._start, self.steps_done, 1, self._cursor
+            self._loop_at = address_of(wisdom_holman_loop, self._others.table, *given)
+        return self._loop_at
 
     def _synchronise(self) -> int:
         """y <- the state at the step point. Return a status."""

@@ -108,11 +108,11 @@ export class Figure {
     ink.stroke();
   }
 
-  dot(x, y, colour) {
+  dot(x, y, colour, radius = 5) {
     const ink = this.context;
     ink.fillStyle = this.colour(colour);
     ink.beginPath();
-    ink.arc(this.x(x), this.y(y), 5, 0, 2 * Math.PI);
+    ink.arc(this.x(x), this.y(y), radius, 0, 2 * Math.PI);
     ink.fill();
   }
 }
@@ -139,6 +139,7 @@ export async function begin(page) {
   theme.theme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
   try {
     const given = JSON.parse(document.getElementById("module").textContent);
+    await new Promise((done) => requestAnimationFrame(() => setTimeout(done))); // the heading is there before the figures
     const redraw = await page(root, await load(given), (values) => {
       const text = given.python.replace(/\{(\w+)\}/g, (_, name) => values[name]);
       document.getElementById("python").textContent = text;

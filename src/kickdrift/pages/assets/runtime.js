@@ -129,6 +129,7 @@ export class Run {
     this.shape = given.y.slice(1);
     this.y = new Float64Array(buffer, given.y[0], this.shape.reduce((a, b) => a * b, 1));
     this.cursor = new BigInt64Array(buffer, this.steps.place("cursor"), 5);
+    this.first = given.first && new Call(exports, index, given.first); // the first step, of a method that begins apart
     this.looks = given.energy && new Call(exports, index, given.energy);
     if (this.looks) {
       const place = given.energy.kinds.length === 3 ? this.looks.args[2] : this.looks.place("sums");
@@ -149,7 +150,7 @@ export class Run {
     this.cursor.fill(0n);
     for (const made of this.lists) made[0] = 0n;
     this.dt = dt;
-    this.steps.set("dt", dt);
+    for (const call of [this.steps, this.first]) call?.set("dt", dt);
     this.done = 0;
     this.status = 0;
   }
@@ -162,14 +163,19 @@ export class Run {
 
   /** Take steps; return 0, or a status other than 0 if y is no longer finite. */
   advance(count) {
-    const most = this.masses ? AT_ONCE : count;
-    for (let left = count; left > 0 && !this.status; left -= most) {
+    const most = this.masses ? AT_ONCE : count, end = this.done + count, take = (steps) => {
       this.steps.set("first", this.done);
-      this.steps.set("steps", Math.min(left, most));
+      this.steps.set("steps", steps);
       this.status = this.steps.run();
       this.done += Number(this.cursor[STEP]);
       this.cursor[STEP] = 0n;
+    };
+    if (this.first && !this.done && count > 0) {
+      this.status = this.first.run();
+      this.done += Number(this.cursor[STEP]);
+      if (!this.status) take(Math.min(count, most) - 1); // also none: y is the state only after these
     }
+    while (this.done < end && !this.status) take(Math.min(end - this.done, most));
     return this.status;
   }
 
@@ -197,4 +203,26 @@ export class Run {
     }
     return sum;
   }
+}
+
+const APART = 1e-8; // distance of the neighbour that stands for a tangent vector
+
+/** Growth of a tangent vector along a motion: times, and logarithms of its length over that at the start.
+ *
+ * A neighbour at a small distance is brought back to that distance after each sample (Benettin, Galgani & Strelcyn 1976,
+ * doi:10.1103/PhysRevA.14.2338). */
+export function growth(run, start, dt, steps, every) {
+  let one = Float64Array.from(start), log = 0;
+  let two = one.map((each, k) => each + (k ? 0 : APART));
+  const found = [[0, 0]], after = (y, count) => { run.reset(y, dt); run.advance(count); return Float64Array.from(run.y); };
+  for (let done = 0; done < steps; done += every) {
+    const count = Math.min(every, steps - done);
+    [one, two] = [after(one, count), after(two, count)];
+    const way = two.map((each, k) => each - one[k]), length = Math.hypot(...way);
+    if (!(length > 0 && Number.isFinite(length))) break;
+    log += Math.log(length / APART);
+    two = one.map((each, k) => each + (way[k] * APART) / length);
+    found.push([(done + count) * dt, log]);
+  }
+  return found;
 }
