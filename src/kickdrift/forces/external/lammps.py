@@ -152,6 +152,8 @@ class LammpsForce(Field):
         if not words or not PLAIN.issuperset(line):
             raise InputError(f"{self.name}: {key}: expected one line of plain words, got {shown(line)}")
         for word in words:
+            if word.lower().lstrip("+-") in ("nan", "inf", "infinity") or math.isinf(number_of(word)):
+                raise InputError(f"{self.name}: {key}: expected finite numbers, got {shown(word)}")  # LAMMPS would crash
             if os.path.exists(word):
                 refuse_unfit(word, "a file of a potential")  # a pipe would wait for ever, and a device may have no end
         if key == "commands":

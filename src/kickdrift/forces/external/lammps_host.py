@@ -24,8 +24,9 @@ QUIET = ["-log", "none", "-screen", "none", "-nocite"]
 VOIGT = [0, 1, 2, 5, 4, 3]  # LAMMPS: xx, yy, zz, xy, xz, yz
 VIRIAL, ENERGY, AHEAD = "kickdrift_virial", "kickdrift_energy", "kickdrift_ahead"
 NEVER = 1e15  # steps; LAMMPS sums energy and virial at steps of its thermodynamic output alone
-MOST_COPIES = 2e7  # images of particles that LAMMPS would keep, some 200 bytes each
-MOST_PAIRS = 1e9  # entries of its lists of neighbours, 4 bytes each
+MOST_IMAGES = 1e6  # that LAMMPS may keep beyond the particles and the images in the boxes beside theirs
+MOST_PAIRS = 3e8  # in its lists of neighbours
+FEW = 2000  # neighbours of a particle for which LAMMPS has room by itself
 LABEL = re.compile(r"[A-Za-z][\w+.-]*")  # a name of a type that no pattern of LAMMPS could mean
 
 
@@ -131,12 +132,14 @@ class Kept:
         reach, n = float(found[1]) if found else 0.0, len(self._data.ids)
         images = n * float(np.prod(1.0 + 2.0 * reach / self._box.heights))
         dense = n / float(np.prod(np.ptp(self._data.bounds, axis=1)))
-        pairs = 0.5 * n * min(images, 4.0 / 3.0 * np.pi * reach**3 * dense)
-        if images > MOST_COPIES or pairs > MOST_PAIRS:
+        near = min(images, 4.0 / 3.0 * np.pi * reach**3 * dense)
+        if not (images <= MOST_IMAGES + 27.0 * n and 0.5 * n * near <= MOST_PAIRS):
             raise InputError(
                 f"lammps: the cutoff with its skin is {reach:g}, for which LAMMPS would keep {images:.1e} images of "
-                f"particles and {pairs:.1e} pairs; shorten it"
+                f"particles and {0.5 * n * near:.1e} pairs; shorten it"
             )
+        if near > 0.5 * FEW:
+            library.command(f"neigh_modify one {int(2.0 * near) + FEW} page {20 * (int(2.0 * near) + FEW)}")
 
     def leave(self) -> None:
         """Leave the instance to the next host."""
