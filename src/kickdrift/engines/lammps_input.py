@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.bridges.lammps_data import flags_of
+from kickdrift.forces.external.lammps_data import flags_of
 from kickdrift.disk.kinds import LAMMPS_HEADING, LAMMPS_INPUT
 from kickdrift.disk.outputs import checked_target, private_place, settle
 from kickdrift.engines import rigid

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.bridges.lammps_data import DataFile
+from kickdrift.forces.external.lammps_data import DataFile
 from kickdrift.engines.fields import PositionRestraint
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job

@@ -127,7 +127,7 @@ def test_charges_reach_lammps():
         ),
         (
             {"pair_style": "sw", "commands": "set type 1 charge 1"},
-            r"commands: expected texts, got 'set type 1 charge 1'",
+            r"commands: expected one of pair_modify, .*, got 'set'",
         ),
         ({"pair_style": "sw", "atom_style": "body"}, r"atom_style: expected atomic or charge, got 'body'"),
         ({"pair_style": "sw", "renewal": 0.0}, r"renewal must be a positive length, got 0"),

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from kickdrift.errors import InputError
 from kickdrift.forces.lists.along import ALL
 from kickdrift.forces.seam.kernel import BLOWN_UP, OK, RAISED, kernel
+from kickdrift.forces.seam.samples import SINCE, no_looks, note_look, sums_expected
 from kickdrift.jit.compile import is_finite, never_inline
 from kickdrift.jit.inner import by_type
 from kickdrift.model.box.box import Box
@@ -32,9 +33,10 @@ from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 
 # Slots of ``notes``: whether the answer is known (see below), whether there is a reference, whether the present
-# positions are beyond its reach, and the number of calls of Python.
-KNOWN, BEGUN, FAR, CALLS, NOTES = range(5)
+# positions are beyond its reach, the number of calls of Python, and whether the answer has no energy and virial.
+KNOWN, BEGUN, FAR, CALLS, FORCES_ONLY, NOTES = range(6)
 UNKNOWN, KNOWN_TO_ALL, KNOWN_TO_SAMPLES = range(3)  # the last: a sample has moved on, which the run must do itself
+ASIDE, SUMS = 1, 2  # what a call tells Python: a sample asks; energy and virial are needed
 TIME, ENERGY, VIRIAL, PAIRS, ALONG = range(5)  # slots of ``answer``; the last six hold the virial as `lists.along` does
 ANSWERS = ALONG + 6
 
@@ -57,12 +59,13 @@ class ExternalKernel(NamedTuple):
     factors: NDArray[np.float64]  # (n,) accelerations from forces: the unit of force over the mass
     cell: Cell  # in the system's lengths
     begun_in: NDArray[np.float64]  # (6,) edge lengths and tilts at which the function last began anew, as in `Cell`
+    looks: NDArray[np.int64]  # see `seam.samples`
     along: Any = None  # virial of one chunk, for a barostat; see `lists.along`
 
 
 @intrinsic
-def call_python(typingctx, address, t, aside):
-    """Call the machine code at an address with a time and a number; return its status."""
+def call_python(typingctx, address, t, flags):
+    """Call the machine code at an address with a time and ASIDE and SUMS; return its status."""
 
     def codegen(context, builder, sig, args):
         whole, double = ir.IntType(64), ir.DoubleType()
@@ -102,12 +105,16 @@ def external_forces(force, t, x, v, a, sums):
     if bad != 0.0:
         notes[KNOWN] = UNKNOWN
         return BLOWN_UP
-    if not same or (notes[KNOWN] == KNOWN_TO_SAMPLES and not force.aside):
+    if same and sums is not None and force.looks[SINCE] > 0:
+        note_look(force.looks)
+    unsummed = sums is not None and notes[FORCES_ONLY] != 0
+    if not same or unsummed or (notes[KNOWN] == KNOWN_TO_SAMPLES and not force.aside):
+        summed = sums is not None if same or force.aside else sums_expected(force.looks, sums is not None)
         far = is_finite(force.reach2) and (notes[BEGUN] == 0 or farthest > force.reach2)
         notes[FAR] = far
         if not same:
             notes[KNOWN] = UNKNOWN
-        status = call_python(force.address, t, force.aside)
+        status = call_python(force.address, t, ASIDE * force.aside + SUMS * summed)
         if status != OK:
             notes[KNOWN] = UNKNOWN
             return status
@@ -162,10 +169,13 @@ class Host:
     parts : ExternalKernel
     what : name of the function or calculator in messages
     error : first exception that a call raised since a method last began steps, if any
+    summing : whether this call needs the energy and the virial
     positions, velocities : (n, 3), as the function sees them; read-only views
     """
 
     error: BaseException | None = None
+    summing = True
+    _seen = b""  # the matrix of ``box``
 
     def __init__(
         self,
@@ -201,6 +211,7 @@ class Host:
             factors=factors,
             cell=cell_of(box),
             begun_in=np.zeros(6),
+            looks=no_looks(),
         )
         self.box = box
         self.parts.answer[PAIRS] = pairs
@@ -214,10 +225,11 @@ class Host:
         block.host = self
         return np.frombuffer(block).reshape(shape)
 
-    def _called(self, time: float, aside: int) -> int:
+    def _called(self, time: float, flags: int) -> int:
         self.parts.notes[CALLS] += 1
+        self.summing = bool(flags & SUMS)
         try:
-            self.answer(time, bool(aside))
+            self.answer(time, bool(flags & ASIDE))
         except BaseException as error:  # an exception must not pass through compiled code
             self.error = self.error or error
             return RAISED
@@ -231,13 +243,14 @@ class Host:
 
     def put(self, forces: Any, energy: float, virial: float, along: Any = np.nan) -> None:
         """Store an answer, whose virial (6,) may be known ``along`` and across the axes: xx, yy, zz, yz, xz, xy. Raises
-        InputError for forces of a wrong shape."""
+        InputError for forces of a wrong shape. A host that leaves out energy and virial sets FORCES_ONLY then."""
         parts = self.parts
         if np.shape(forces) != parts.forces.shape:
             raise InputError(f"returned forces of shape {np.shape(forces)}, expected {parts.forces.shape}")
         parts.forces[...] = forces
         parts.answer[ENERGY], parts.answer[VIRIAL] = energy, virial
         parts.answer[ALONG:] = along
+        parts.notes[FORCES_ONLY] = 0
 
     @property
     def calls(self) -> int:
@@ -283,6 +296,9 @@ class Host:
     def box_now(self) -> Box:
         """The box at this call, which a barostat may have changed."""
         matrix = self.parts.cell.matrix
+        if matrix.tobytes() == self._seen:
+            return self.box
+        self._seen = matrix.tobytes()
         if not np.array_equal(matrix, np.where(np.array(self.box.periodic_axes)[:, None], self.box.matrix, 0.0)):
             self.box = self.box.with_edges(lower(matrix))
         return self.box

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,17 +21,20 @@ from kickdrift.text import shown
 
 if TYPE_CHECKING:
     from kickdrift.forces.external.kernel import ExternalKernel
+    from kickdrift.forces.external.lammps_host import LammpsHost
     from kickdrift.model.subject import Subject
 
 UNITS = {"lj": "lj", "nbody": "lj", "metal": "metal", "real": "real"}  # LAMMPS' names of unit systems
 RENEWAL = {"lj": 0.15, "nbody": 0.15, "metal": 0.5, "real": 0.5}  # lengths; the skin of LAMMPS' lists is twice as long
-COMMANDS = ("pair_modify", "kspace_style", "kspace_modify", "special_bonds")
+ALONG_BONDS = tuple(f"{kind}_{word}" for kind in ("bond", "angle", "dihedral", "improper") for word in ("style", "coeff"))
+COMMANDS = ("pair_modify", "kspace_style", "kspace_modify", "special_bonds", "dielectric", *ALONG_BONDS)
+FINEST = 1e-12  # accuracy of kspace_style, below which LAMMPS' sums have no end
 PLAIN = frozenset(
     "!*+,-./0123456789:=@ABCDEFGHIJKLMNOPQRSTUVWXYZ[]_abcdefghijklmnopqrstuvwxyz~ "
 )  # no quote, no variable
 REFUSED = {
     "python": "runs Python code", "mliap": "may run Python code", "kim": "loads libraries", "bop": "may write files",
-    "mesocnt": "may write files",
+    "mesocnt": "may write files", "quartic": "breaks bonds for ever", "scafacos": "loads libraries",
 }  # fmt: skip
 ATOM_STYLES = ("atomic", "charge")
 
@@ -44,13 +49,29 @@ def digest_of(word: str) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def script_lines(text: str) -> list[str]:
+    """Commands of an input script, without comments; a line that ends in & goes on in the next."""
+    lines = re.sub(r"&[ \t]*\r?\n", " ", text).splitlines()
+    return [line for each in lines if (line := " ".join(each.partition("#")[0].split()))]
+
+
+def number_of(word: str) -> float:
+    """The number of a word, or nan."""
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan
+
+
 @checked_arguments
 @dataclass(frozen=True)
 class LammpsForce(Field):
-    """Pair styles of LAMMPS as a force, such as MEAM, SNAP or ReaxFF.
+    """Styles of LAMMPS as a force, such as MEAM, SNAP or ReaxFF.
 
     ``kd.LammpsForce("meam", "* * library.meam Cu Cu.meam Cu")`` gives LAMMPS the commands ``pair_style`` and
-    ``pair_coeff``. Its types are the system's species in their order, from 1. kickdrift takes the steps, so every
+    ``pair_coeff``. Its types are the system's species in their order, from 1. LAMMPS also has the charges and the
+    topology: its bonds, angles, dihedrals and impropers with their types, and ``special_bonds`` from its factors.
+    Types of bonds are numbers, or named as in the topology. kickdrift takes the steps, so every
     method, bath, barostat, file and restart serves this force as it serves others. LAMMPS computes forces, energy and
     virial in this process, in the units of the system: ``metal``, ``real``, ``lj`` or ``nbody``. Thompson et al. 2022,
     doi:10.1016/j.cpc.2021.108171.
@@ -63,10 +84,11 @@ class LammpsForce(Field):
 
     Parameters
     ----------
-    pair_style : LAMMPS' pair style with its arguments
+    pair_style : LAMMPS' pair style with its arguments; "" if ``commands`` has it
     pair_coeff : its coefficients, one text or several
-    commands : further commands: pair_modify, kspace_style, kspace_modify and special_bonds
-    atom_style : "atomic", or "charge", which takes the particles' charges
+    commands : further commands, or lines of an input script: pair_modify, kspace_style, kspace_modify, special_bonds,
+        dielectric, and style and coeff of bonds, angles, dihedrals and impropers
+    atom_style : "atomic" keeps charges from LAMMPS, "charge" demands them; default: charges if the system has them
     renewal : length; default 0.5 angstrom, or 0.15 in units lj
     files : SHA-256 of each file that the commands name, by its name; default those of the files as they are
 
@@ -77,10 +99,10 @@ class LammpsForce(Field):
         without LAMMPS, for two dimensions, other units, and whatever LAMMPS says of the commands.
     """
 
-    pair_style: str
-    pair_coeff: str | Sequence[str] = "* *"
-    commands: Sequence[str] = ()
-    atom_style: str = "atomic"
+    pair_style: str = ""
+    pair_coeff: str | Sequence[str] = ()
+    commands: str | Sequence[str] = ()
+    atom_style: str | None = None
     renewal: float | None = None
     files: Mapping[str, str] | None = None
 
@@ -92,27 +114,37 @@ class LammpsForce(Field):
 
     def __post_init__(self) -> None:
         rows = (self.pair_coeff,) if isinstance(self.pair_coeff, str) else self.pair_coeff
-        for key, given in (("pair_style", (self.pair_style,)), ("pair_coeff", rows), ("commands", self.commands)):
+        lines = script_lines(self.commands) if isinstance(self.commands, str) else self.commands
+        for key, given in (("pair_style", (self.pair_style,)), ("pair_coeff", rows), ("commands", lines)):
             if not isinstance(given, list | tuple) or not all(isinstance(each, str) for each in given):
                 raise InputError(f"{self.name}: {key}: expected texts, got {shown(getattr(self, key))}")
+        found: dict[str, list[str]] = {"pair_style": [self.pair_style] * bool(self.pair_style), "pair_coeff": [*rows]}
+        further = []
+        for line in lines:
+            first, _, rest = line.strip().partition(" ")
+            found.get(first, further).append(rest.strip() if first in found else line)
+        for key, given in (*found.items(), ("commands", further)):
             for line in given:
                 self._check(key, line)
-        if self.atom_style not in ATOM_STYLES:
+        if len(found["pair_style"]) != 1:
+            what = "give one, such as 'zero 10.0' for forces along bonds alone"
+            raise InputError(f"{self.name}: pair_style: {len(found['pair_style'])} are given; {what}")
+        if self.atom_style not in (None, *ATOM_STYLES):
             raise InputError(
                 f"{self.name}: atom_style: expected {' or '.join(ATOM_STYLES)}, got {shown(self.atom_style)}"
             )
         if self.renewal is not None and not self.renewal > 0:
             raise InputError(f"{self.name}: renewal must be a positive length, got {shown(self.renewal)}")
-        object.__setattr__(self, "pair_coeff", tuple(rows))
-        object.__setattr__(self, "commands", tuple(self.commands))
-        found = {
-            word: digest for line in (self.pair_style, *rows) for word in line.split() if (digest := digest_of(word))
-        }
+        object.__setattr__(self, "pair_style", found["pair_style"][0])
+        object.__setattr__(self, "pair_coeff", tuple(found["pair_coeff"] or ("* *",)))
+        object.__setattr__(self, "commands", tuple(further))
+        words = " ".join([self.pair_style, *self.pair_coeff, *further]).split()
+        files = {word: digest for word in words if (digest := digest_of(word))}
         for word, digest in (self.files or {}).items():
-            if found.get(word) != digest:
-                why = "has changed: its SHA-256 is not" if word in found else "is missing; its SHA-256 was"
+            if files.get(word) != digest:
+                why = "has changed: its SHA-256 is not" if word in files else "is missing; its SHA-256 was"
                 raise InputError(f"{self.name}: files: {shown(word)} {why} {shown(digest)}")
-        object.__setattr__(self, "files", found)
+        object.__setattr__(self, "files", files)
 
     def _check(self, key: str, line: str) -> None:
         """Refuse what is no command of a force: other commands, several lines, variables."""
@@ -120,15 +152,19 @@ class LammpsForce(Field):
         if not words or not PLAIN.issuperset(line):
             raise InputError(f"{self.name}: {key}: expected one line of plain words, got {shown(line)}")
         for word in words:
+            if word.lower().lstrip("+-") in ("nan", "inf", "infinity") or math.isinf(number_of(word)):
+                raise InputError(f"{self.name}: {key}: expected finite numbers, got {shown(word)}")  # LAMMPS would crash
             if os.path.exists(word):
                 refuse_unfit(word, "a file of a potential")  # a pipe would wait for ever, and a device may have no end
-        if key == "pair_style" and (styles := [each for each in words if each.split("/")[0] in REFUSED]):
+        if key == "commands":
+            key, *words = words
+            if key not in COMMANDS:
+                raise InputError(f"{self.name}: commands: expected one of {', '.join(COMMANDS)}, got {shown(key)}")
+        if key.endswith("_style") and (styles := [each for each in words if each.split("/")[0] in REFUSED]):
             why = REFUSED[styles[0].split("/")[0]]
-            raise InputError(f"{self.name}: pair_style: {styles[0]} {why}, which a force may not do here")
-        if key != "commands":
-            return
-        if words[0] not in COMMANDS:
-            raise InputError(f"{self.name}: commands: expected one of {', '.join(COMMANDS)}, got {shown(words[0])}")
+            raise InputError(f"{self.name}: {key}: {styles[0]} {why}, which a force may not do here")
+        if key == "kspace_style" and len(words) > 1 and not FINEST <= number_of(words[1]) < 1.0:
+            raise InputError(f"{self.name}: kspace_style: the accuracy lies from {FINEST:g} to 1, got {words[1]}")
 
     @property
     def label(self) -> str:
@@ -151,12 +187,17 @@ class LammpsForce(Field):
             raise InputError(f"{self.name}: works in the units {', '.join(UNITS)}, not {system.units.name!r}")
         if self.atom_style == "charge" and system.charges is None:
             raise InputError(f"{self.name}: atom_style charge needs particles with charges")
+        if system.topology is not None and len(system.topology.exclusions):
+            raise InputError(f"{self.name}: LAMMPS leaves out pairs by their bonds alone, and the topology has exclusions")
         check_massive(self.name, system, range(len(system)))
-        self.bind(system)
+        self._host(system).open()
 
     def bind(self, system: Subject, threads: int = 1) -> ExternalKernel:
         """See Field."""
+        return self._host(system).parts
+
+    def _host(self, system: Subject) -> LammpsHost:
         from kickdrift.forces.external.lammps_host import lammps_host
 
         units = system.units.name
-        return lammps_host(self, system, UNITS[units], self.renewal or RENEWAL[units]).parts
+        return lammps_host(self, system, UNITS[units], self.renewal or RENEWAL[units])

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.bridges.lammps_data import DataFile, flags_of
+from kickdrift.forces.external.lammps_data import DataFile, flags_of
 from kickdrift.disk.kinds import LAMMPS_HEADING
 from kickdrift.errors import InputError
 from kickdrift.model.molecules.relatives import molecules_of
