@@ -259,7 +259,7 @@ def movie(
     zoom: Annotated[float, option("X", "Magnification.")] = 1.0,
     colour: Annotated[
         str | None,
-        option("NAME", "species, speed, body, or a colour such as tomato or #0072B2 (default: the most telling one)."),
+        option("NAME", "species, molecule, speed, body, or a colour such as tomato (default: the most telling one)."),
     ] = None,
     fps: Annotated[float, option("N", "Pictures a second.")] = 25.0,
     duration: Annotated[

@@ -88,6 +88,20 @@ class LatticeTable(Table):
     seed: NonNegativeInt | None = None
 
 
+class WalkTable(Table):
+    bond: base.Edge
+    apart: base.Length = 0.0
+
+
+class WalksTable(Table):
+    walks: WalkTable
+    density: Density = None
+    mass: Masses = None
+    charge: Charges = None
+    species: Species = {"A": 1.0}
+    seed: NonNegativeInt
+
+
 class PositionsTable(Table):
     positions: Annotated[list[base.Vector], Field(min_length=1)]
     mass: Masses = None
@@ -110,7 +124,7 @@ class FileTable(Table):
     atom_style: Literal["atomic", "charge", "bond", "angle", "molecular", "full"] | None = None  # of LAMMPS' data files
 
 
-PARTICLES = ("lattice", "positions", "elements", "plummer", "file")
+PARTICLES = ("lattice", "walks", "positions", "elements", "plummer", "file")
 
 
 def _kind(data: Any) -> str | None:
@@ -120,6 +134,7 @@ def _kind(data: Any) -> str | None:
 
 ParticlesTable = Annotated[
     Annotated[LatticeTable, Tag("<lattice>")]
+    | Annotated[WalksTable, Tag("<walks>")]
     | Annotated[PositionsTable, Tag("<positions>")]
     | Annotated[base.ElementsTable, Tag("<elements>")]
     | Annotated[base.PlummerTable, Tag("<plummer>")]
