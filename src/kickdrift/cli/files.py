@@ -238,7 +238,7 @@ def list_(
 
 
 def new(
-    kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, water, planets or ode.")] = "liquid",
+    kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, polymer, water, planets or ode.")] = "liquid",
     output: Annotated[Path | None, option("FILE.toml", "Default: KIND.toml in this folder.")] = None,
     model: Annotated[str | None, option("NAME", "Another model of the kind: tip4p2005 for water, else SPC/E.")] = None,
     schema: Annotated[

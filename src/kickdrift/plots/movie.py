@@ -62,8 +62,8 @@ def movie(
     """Make a film of a run; the suffix of ``output`` names the format: .mp4, .webm or .gif.
 
     Particles are spheres, inside the box where it is periodic; bonds join smaller ones. A film of at most 30 bodies
-    under gravity has their trails and names. It is seen from their barycentre, and z is the direction of their angular momentum. MP4 and WebM
-    need ffmpeg, which the extra ``movie`` installs.
+    under gravity has their trails and names. It is seen from their barycentre, and z is the direction of their angular
+    momentum. MP4 and WebM need ffmpeg, which the extra ``movie`` installs.
 
     Parameters
     ----------

@@ -426,8 +426,6 @@ def topology_of(given: dict[str, Any], folder: Path) -> Topology:
             f"topology: expected exactly one of chains, file and bonds, got {' and '.join(sources) or 'none'}"
         )
     if (chains := given.pop("chains", None)) is not None:
-        if chains["length"] < 2:
-            raise InputError("topology.chains.length: expected 2 particles or more")
         return Topology.chains(**chains, **given)
     if (name := given.pop("file", None)) is not None:
         if "\0" in name:

@@ -258,7 +258,7 @@ class PlummerTable(Table):
 
 class ChainsTable(Table):
     count: PositiveInt
-    length: PositiveInt
+    length: Annotated[int, Field(ge=2)]
 
 
 class TopologyTable(Table):
