@@ -281,6 +281,8 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
         with prefixed("velocities."):
             temperature = table.velocities.temperature
             made = system(drawn_velocities(made, temperature, seed))
+    if table.time is not None:
+        made = made.at(made.state.phase, table.time)
     parted = overlaps or (bool(stages) and stages[0].minimize is not None)
     check_overlaps(made, near=not parted)
     object.__setattr__(made, "ephemerides", start.ephemerides)

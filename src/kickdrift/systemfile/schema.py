@@ -36,7 +36,7 @@ from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile import schema_base as base
 from kickdrift.systemfile.schema_base import In, Table
-from kickdrift.text import VALUE, clean, shown
+from kickdrift.text import VALUE, clean, shown, suggestion
 
 
 def mass_given(value: Any, info: ValidationInfo) -> float | dict[str, float]:
@@ -189,6 +189,7 @@ class SystemTable(Table):
     units: str
     title: str = ""
     dimensions: Literal[2, 3] = 3
+    time: base.Moment | None = None
     particles: ParticlesTable
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()
@@ -211,7 +212,14 @@ class SystemTable(Table):
         within = {"velocities": VelocitiesTable.model_fields, "run": run, "box": BoxTable.model_fields}
         within["topology"] = base.TopologyTable.model_fields
         found = [f"{table}.{key}" for table, keys in within.items() if key in keys]
-        return f"; did you mean {found[0]}?" if found else super().hint(key)
+        if found:
+            return f"; did you mean {found[0]}?"
+        if near := super().hint(key):
+            return near
+        for table, keys in within.items():
+            if hint := suggestion(key, keys):
+                return hint.replace("'", f"'{table}.", 1)
+        return ""
 
 
 class OdeFileTable(Table):
