@@ -171,6 +171,17 @@ def test_bad_groups_end_in_one_line(given, line):
         liquid().with_fixed(kd.Fixed(**given))
 
 
+def test_further_groups_add_to_those_before():
+    system = liquid().with_fixed(GROUPS[0]).with_fixed(GROUPS[1])
+    assert str(system.fixed) == str(held().fixed) == "5 particles, 2 at a given velocity"
+    np.testing.assert_array_equal(system.fixed.velocities, held().fixed.velocities)
+    assert system.with_fixed().fixed is None
+    with pytest.raises(InputError, match="particle 40 is given twice"):
+        system.with_fixed(kd.Fixed(40))
+    report = kd.Simulation(system, "velocity-verlet", dt=0.002).run(2)
+    assert ("fixed", "5 particles, 2 at a given velocity") in report._lines()
+
+
 def test_what_fixed_particles_do_not_go_with():
     system = held()
     with pytest.raises(InputError, match="a constraint holds it"):

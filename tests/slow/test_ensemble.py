@@ -372,6 +372,8 @@ def test_the_command_line(system, tmp_path):
         (["--vary", "dt=0.1", "--vary", "dt=0.2"], "dt is given twice"),
         (["--vary", "dt=0.1", "--dt", "0.2"], "vary: dt: is given twice, as dt too"),
         (["--vary", "dx=0.1"], "dx: unknown key"),
+        (["--vary", "temprature=1,2"], "vary: temprature: there is no such key; did you mean 'temperature'?"),
+        (["--vary", "temperature=1,2"], "does not take it; baoab, obabo"),
         (["--replicas", "2"], "is random"),
         (["--vary", "particles.elements[b].m=1"], "unknown key"),
         (["--scheduler", "nowhere"], "--scheduler nowhere: cannot be reached"),

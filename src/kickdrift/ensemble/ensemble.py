@@ -21,8 +21,9 @@ from kickdrift.ensemble.rows import COLUMNS, DONE, MEMBER, DataFrame, Row
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators import integrator as method_named
-from kickdrift.integrators.asked import from_text, meant, unpacked
+from kickdrift.integrators.asked import from_text, known_options, meant, takers_text, unpacked
 from kickdrift.integrators.method import Method
+from kickdrift.integrators.options import PRECISION, SEED
 from kickdrift.integrators.own.registration import REGISTERED
 from kickdrift.jit.compile import processor
 from kickdrift.model.checks.limits import PROCESS_BYTES, check_room, whole_number
@@ -30,6 +31,7 @@ from kickdrift.model.problem import Problem
 from kickdrift.model.stages import refuse_stages
 from kickdrift.model.system import System
 from kickdrift.run.plan.plan import check_run
+from kickdrift.run.simulation import default_method
 from kickdrift.systemfile.files import find, parsed
 from kickdrift.systemfile.schema_run import run_keys
 from kickdrift.text import choices, suggestion
@@ -102,6 +104,8 @@ class Ensemble:
         refuse_stages("ensemble", one)
         self._units = one.units.name if isinstance(one, System) else ""
         self._recipe = self._recipe.knowing(self._registered(one), one)
+        if measure != MEGNO:
+            self._refuse_unused(one)
 
     @property
     def name(self) -> str:
@@ -246,14 +250,31 @@ class Ensemble:
 
     def _registered(self, system: System | Problem) -> list[Method]:
         """Integrators that members may name and that other processes do not have."""
-        grids = [values for key, values in self.members.grids.items() if path_of(key) == INTEGRATOR]
-        named = {
-            *([system.run.integrator] if system.run.integrator else []),
-            *(from_text(value)[0] if isinstance(value, str) else value for values in grids for value in values),
-        }
+        named = self._named(system)
         for name in named:
             method_named(name)  # or an InputError with a suggestion
         return [INTEGRATORS[name] for name in sorted(REGISTERED & named)]
+
+    def _named(self, system: System | Problem) -> set[Any]:
+        """Integrators that members name."""
+        grids = [values for key, values in self.members.grids.items() if path_of(key) == INTEGRATOR]
+        return {
+            *([system.run.integrator] if system.run.integrator else []),
+            *(from_text(value)[0] if isinstance(value, str) else value for values in grids for value in values),
+        }
+
+    def _refuse_unused(self, system: System | Problem) -> None:
+        """Refuse an option of integrators that no member's integrator takes."""
+        named = self._named(system) or {default_method(system)}
+        for key in [*self.members.grids, *self.members.draws]:
+            where, *name = path_of(key)
+            if where != "run" or name[0] not in known_options() or name[0] in (PRECISION.name, SEED.name):
+                continue
+            if not any(name[0] in method_named(each).tunable for each in named):
+                raise InputError(
+                    f"vary: {key}: {' and '.join(sorted(named))} do{'' if named - {min(named)} else 'es'} not take it; "
+                    f"{takers_text(name[0])} {name[0]}; name one by --integrator, or integrator=…"
+                )
 
     def _rows(self, recipe: Recipe, todo: list[int], client: Any, workers: int | None) -> Iterator[list[Row]]:
         """Yield the rows of members as they finish, from the client or from own processes."""

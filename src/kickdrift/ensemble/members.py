@@ -14,7 +14,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
 from kickdrift.model.checks.limits import check_room, whole_text
 from kickdrift.model.run_defaults import REPLACED
-from kickdrift.systemfile.schema_run import is_run_key
+from kickdrift.systemfile.schema_run import is_run_key, run_keys
 from kickdrift.text import shown, suggestion
 
 VALUE_BYTES = 32  # memory of a grid's value
@@ -202,6 +202,8 @@ def with_values(data: dict[str, Any], values: dict[str, Any]) -> dict[str, Any]:
     run = changed.setdefault("run", {})
     for key, value in values.items():
         *way, last = path_of(key)
+        if not way and last not in changed and (hint := suggestion(last, run_keys())):
+            raise InputError(f"vary: {key}: there is no such key{hint}")
         place: Any = changed
         for part in way:
             place = place[_index(place, part, key)]

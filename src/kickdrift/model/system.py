@@ -320,9 +320,10 @@ class System(Bridged, MeasuredSystem, ShownSystem):
         return made
 
     def with_fixed(self, *groups: Fixed) -> System:
-        """A new System in which these particles stay in place or move at a given velocity, and no others. It has no
-        ``invariants``."""
-        return self.remade(fixed=groups)
+        """A new System in which these particles stay in place or move at a given velocity, beside those fixed before.
+        Without a group, none are fixed. It has no ``invariants``."""
+        before = [] if self.fixed is None or not groups else [Fixed(**table) for table in self.fixed.tables]
+        return self.remade(fixed=[*before, *groups])
 
     # --- new systems from old ones ---
 
@@ -453,14 +454,14 @@ class System(Bridged, MeasuredSystem, ShownSystem):
     def to_toml(self) -> str:
         """Text of a system file of this System: ``kd.load`` reads the same bits from the text.
 
-        Positions and velocities are numbers. The text also holds species, names, radii, charges, box, forces, events,
-        ``[run]``, ``[equilibrate]`` and ``[invariants]``. Particles count from 0 in their present order.
+        Positions and velocities are numbers. The text also holds the time, species, names, radii, charges, box, forces,
+        events, ``[run]``, ``[equilibrate]`` and ``[invariants]``. Particles count from 0 in their present order.
 
         Raises
         ------
         InputError
             For content that a system file cannot hold; the message names it: forces that are not registered, events
-            with the user's functions, the user's own units, a time other than 0.
+            with the user's functions, the user's own units.
         """
         text: str = above("system file")(self)
         return text

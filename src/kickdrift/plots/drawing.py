@@ -17,6 +17,7 @@ import numpy as np
 
 from kickdrift.disk import outputs
 from kickdrift.disk.kinds import FIGURE, NUMBERS
+from kickdrift.errors import InputError
 from kickdrift.jit.cache import folders
 from kickdrift.model.state import Floats
 from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
@@ -143,8 +144,12 @@ def few_labels(axes: Axes) -> None:
             axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
 
 
-def save_figure(figure: Figure, target: Path) -> Path:
-    """Write a figure, whole or not at all, and return its path."""
+def save_figure(
+    figure: Figure, target: Path, numbers: str | os.PathLike[str] | None = None, overwrite: bool = False
+) -> Path:
+    """Write a figure, whole or not at all, and on request its ``numbers``. Return the figure's path."""
+    if numbers is not None:
+        save_numbers(figure, numbers, overwrite)
     with outputs.written_whole(target, FIGURE, overwrite=True) as part:
         figure.savefig(part)
     return target
@@ -154,11 +159,13 @@ def save_numbers(figure: Figure, target: str | os.PathLike[str], overwrite: bool
     """Write the points of a figure's lines as a table, whole or not at all: panel, line, x and y. A long line has the
     points that are drawn, see ``thin``."""
     checked = outputs.checked_target(target, NUMBERS, overwrite, ())
+    drawn = [[line for line in axes.get_lines() if line.get_transform() == axes.transData] for axes in figure.axes]
+    if not any(drawn):  # rules are no lines
+        raise InputError(f"{target}: this figure has areas and no lines, so it has no points to write")
     with outputs.written_whole(checked, NUMBERS, overwrite=overwrite) as part, part.open("w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(("panel", "line", "x", "y"))
-        for axes in figure.axes:
-            lines = [line for line in axes.get_lines() if line.get_transform() == axes.transData]  # no rules
+        for axes, lines in zip(figure.axes, drawn, strict=True):
             for number, line in enumerate(lines, 1):
                 name = str(line.get_label())
                 places = zip(np.asarray(line.get_xdata(), float), np.asarray(line.get_ydata(), float), strict=True)

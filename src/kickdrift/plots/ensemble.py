@@ -163,7 +163,12 @@ MOST_LABELS = 8  # most values along a map's axis that are all labelled
 
 
 def plot_ensemble(
-    path: str | os.PathLike[str], output: str | os.PathLike[str], column: str | None = None, *, overwrite: bool = False
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    column: str | None = None,
+    *,
+    numbers: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
 ) -> Path:
     """Draw a column of an ensemble's table against the varied keys. Return the figure's path.
 
@@ -175,7 +180,7 @@ def plot_ensemble(
     table = Ensemble.read(path)
     with prefixed(f"{path}: "):
         figure = ensemble_figure(table, column)
-    return save_figure(figure, target)
+    return save_figure(figure, target, numbers, overwrite)
 
 
 def ensemble_figure(table: DataFrame, column: str | None = None) -> Figure:

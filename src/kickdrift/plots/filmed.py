@@ -9,20 +9,26 @@ import numpy as np
 
 from kickdrift.analysis.orbits.orbits import gravity_of, paths
 from kickdrift.errors import InputError
+from kickdrift.model.box.box import Box
+from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.orbits import Paths, axes_of
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import symbol_of
+from kickdrift.plots.bonds import STICK, pairs_of
 from kickdrift.plots.drawing import COLOURS, own_matplotlib_folder
 from kickdrift.plots.orbits import BODY_COLOURS
 from kickdrift.plots.scene import Camera, Scene
 from kickdrift.text import clean, measured, shown, suggestion
 from kickdrift.trajectory.read import reader
+from kickdrift.trajectory.read.universe import topology_of
 
 BODIES = 30  # most bodies under gravity with a trail and a name each
 MOST = 20_000  # most spheres; of more particles, evenly chosen ones are shown
-COLOURINGS = ("species", "speed", "body")
+COLOURINGS = ("species", "molecule", "speed", "body")
+ALONG = np.linspace(0.25, 0.75, 6)  # places of small spheres that make a bond, as parts of it
+THIN = 0.45  # their radius, as part of the spheres' at the ends
 LOOKS = 12  # frames by which speeds and distances of a whole run are judged
 TRAIL = 0.25  # length of a trail, as a share of the film
 AROUND = np.linspace(0.0, 2 * math.pi, 181)[:, None]  # eccentric anomalies at which an ellipse is drawn
@@ -36,10 +42,14 @@ def has_trails(run: reader.Run) -> bool:
 class Filmed:
     """Shared parts of both kinds of films: rows, notes, colours and the text of the time."""
 
-    def __init__(self, run: reader.Run, rows: list[int], colour: str | None, usual: str) -> None:
+    def __init__(self, run: reader.Run, rows: list[int], colour: str | None, usual: str | None) -> None:
         with own_matplotlib_folder():
             from matplotlib.colors import is_color_like
         self.run, self.rows, self.notes = run, rows, list[str]()
+        self.topology = topology_of(run)
+        if usual is None:
+            bonded = self.topology is not None and len(self.topology.bonds) > 0
+            usual = "species" if len(run.species) > 1 else "molecule" if bonded else "speed"
         self.colouring = usual if colour is None else colour
         if self.colouring not in COLOURINGS and not is_color_like(self.colouring):
             raise InputError(
@@ -56,6 +66,9 @@ class Filmed:
         ids = np.arange(len(self.run.ids))[kept]
         if self.colouring == "species":
             names = [COLOURS[k % len(COLOURS)] for k in self.run.species_index[kept]]
+        elif self.colouring == "molecule":
+            bonds = np.zeros((0, 2), np.int64) if self.topology is None else self.topology.bonds
+            names = [BODY_COLOURS[k % len(BODY_COLOURS)] for k in molecules_of(bonds, len(self.run.ids))[kept]]
         elif self.colouring == "body":
             names = [BODY_COLOURS[k % len(BODY_COLOURS)] for k in ids]
         else:
@@ -82,13 +95,13 @@ class Filmed:
 
 
 class Particles(Filmed):
-    """Spheres, inside the box where it is periodic."""
+    """Spheres, inside the box where it is periodic, and the bonds between them."""
 
     def __init__(
         self, run: reader.Run, rows: list[int], size: tuple[int, int], camera: Camera, colour: str | None,
         dark: bool | None,
     ) -> None:  # fmt: skip
-        super().__init__(run, rows, colour, "species" if len(run.species) > 1 else "speed")
+        super().__init__(run, rows, colour, None)
         n = len(run.ids)
         self.system: System | None = None
         with suppress(InputError):  # of a force of the user's own, say
@@ -114,15 +127,35 @@ class Particles(Filmed):
             far = np.linalg.norm(x - self.middle, axis=1)
             reach = 1.15 * float(np.nanquantile(far, 0.95)) or 1.0
             apart = reach * (1.5 / n ** (1 / 3) if gravity_of(run) is None else 0.012)
+        self.bonds = np.zeros((0, 2), np.int64) if self.system is None or n > MOST else pairs_of(self.system)
         self.radii = self._radii(0.5 * apart)
-        self.scene = Scene(size, camera, reach, dark=bool(dark), spheres=len(self.kept), boxed=self.periodic)
+        spheres = len(self.kept) + len(self.bonds) * len(ALONG)
+        self.scene = Scene(size, camera, reach, dark=bool(dark), spheres=spheres, boxed=self.periodic)
 
     def _radii(self, usual: float) -> Floats:
         """Radii of the spheres: the bodies' own, if the system has any, else half the usual distance."""
         own = None if self.system is None else self.system.radii
         if own is not None and len(own) == len(self.run.ids) and np.any(own > 0):
             return np.asarray(own)[self.kept]
-        return np.full(len(self.kept), usual)
+        return np.full(len(self.kept), usual * (STICK if len(self.bonds) else 1.0))
+
+    def _with_bonds(self, x: Floats, colours: Floats, box: Box | None) -> tuple[Floats, Floats, Floats]:
+        """Places, radii and colours of the spheres, and of small ones along each bond within the box."""
+        if not len(self.bonds):
+            return x, self.radii, colours
+        first, last = self.bonds.T
+        between = x[last] - x[first]
+        if box is not None:  # a bond that leaves the box would cross the picture
+            there = np.linalg.norm(between - box.minimum_image(between), axis=1) < 1e-6 * np.linalg.norm(box.matrix)
+            first, last, between = first[there], last[there], between[there]
+        places = x[first, None] + ALONG[:, None] * between[:, None]
+        thin = THIN * 0.5 * (self.radii[first] + self.radii[last])
+        halves = np.where(ALONG[:, None] < 0.5, colours[first, None], colours[last, None])
+        return (
+            np.concatenate([x, places.reshape(-1, 3)]),
+            np.concatenate([self.radii, np.repeat(thin, len(ALONG))]),
+            np.concatenate([colours, halves.reshape(-1, 3)]),
+        )
 
     def _places(self, frame: Any) -> Floats:
         """Positions (n, 3) in open space: as they are, or in the patch that repeats."""
@@ -142,7 +175,8 @@ class Particles(Filmed):
             else:
                 colours = self.colours
             share = k / max(len(self.rows) - 1, 1)
-            yield self.scene.picture(share, x, self.radii, colours, self.time_text(row), matrix)
+            spheres = self._with_bonds(x, colours, frame.box if self.periodic else None)
+            yield self.scene.picture(share, *spheres, self.time_text(row), matrix)
 
 
 class Bodies(Filmed):

@@ -61,9 +61,9 @@ def movie(
 ) -> Film:
     """Make a film of a run; the suffix of ``output`` names the format: .mp4, .webm or .gif.
 
-    Particles are spheres, inside the box where it is periodic. A film of at most 30 bodies under gravity has their
-    trails and names. It is seen from their barycentre, and z is the direction of their angular momentum. MP4 and WebM
-    need ffmpeg, which the extra ``movie`` installs.
+    Particles are spheres, inside the box where it is periodic; bonds join smaller ones. A film of at most 30 bodies
+    under gravity has their trails and names. It is seen from their barycentre, and z is the direction of their angular
+    momentum. MP4 and WebM need ffmpeg, which the extra ``movie`` installs.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ def movie(
     azimuth, elevation : where the camera stands, in degrees about z and above the x-y plane
     turn : angle in degrees by which the camera turns about z during the film
     zoom : magnification
-    colour : "species", "speed", "body", or one of matplotlib's colours for all; default "body" with trails, "species"
-        for a mixture and "speed" for the rest
+    colour : "species", "molecule", "speed", "body", or one of matplotlib's colours for all; default "body" with trails,
+        "species" for a mixture, "molecule" for chains of one species and "speed" for the rest
     fps : pictures a second
     duration : seconds of the film, whose pictures then show the nearest frames in time; default each frame of the run
         once, and at most 20 seconds

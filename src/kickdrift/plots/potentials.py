@@ -15,10 +15,17 @@ STYLES = ("-", "--", ":", "-.")
 ROOM = 3.0  # energies up to the depth of the crystal over this, above zero, are drawn
 
 
-def plot_potential(path: str | os.PathLike[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Draw a file of a potential: see `potential_figure`. Return the figure's path."""
+def plot_potential(
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    *,
+    numbers: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Draw a file of a potential, and on request write the figure's numbers: see `potential_figure`. Return the
+    figure's path."""
     target = checked_target(output, overwrite, path)
-    return save_figure(potential_figure(potential_file(path)), target)
+    return save_figure(potential_figure(potential_file(path)), target, numbers, overwrite)
 
 
 def potential_figure(found: PotentialFile) -> Figure:

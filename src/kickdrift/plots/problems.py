@@ -41,12 +41,17 @@ Panel = Callable[["Axes", Solution], None]
 
 
 def plot_problem(
-    path: str | os.PathLike[str], output: str | os.PathLike[str], column: str | None = None, *, overwrite: bool = False
+    path: str | os.PathLike[str],
+    output: str | os.PathLike[str],
+    column: str | None = None,
+    *,
+    numbers: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
 ) -> Path:
     """Draw a Problem's run from its file or table; with ``column`` that column alone. Return the figure's path."""
     target = draw.checked_target(output, overwrite, path)
     with opened.open(path) as run:
-        return draw.save_figure(problem_figure(run, column), target)
+        return draw.save_figure(problem_figure(run, column), target, numbers, overwrite)
 
 
 def problem_figure(run: Any, column: str | None = None) -> Figure:

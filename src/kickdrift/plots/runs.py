@@ -43,9 +43,7 @@ def write_figure(
     target = draw.checked_target(output, overwrite, path)
     with reader.open(path) as run:
         figure = made(run)
-    if numbers is not None:
-        draw.save_numbers(figure, numbers, overwrite)
-    return draw.save_figure(figure, target)
+    return draw.save_figure(figure, target, numbers, overwrite)
 
 
 def run_figure(run: reader.Run) -> Figure:

@@ -20,7 +20,13 @@ UNBOUNDED = 8.0  # extent of the figure without any bound
 TRACE = 1.8  # extent of the figure for half a trace
 
 
-def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+def plot_stability(
+    names: Sequence[str],
+    output: str | os.PathLike[str],
+    *,
+    numbers: str | os.PathLike[str] | None = None,
+    overwrite: bool = False,
+) -> Path:
     """Draw the stability regions of the named methods. Return the figure's path.
 
     For one-step methods: the regions |R(z)| <= 1, z = lambda dt, of y' = lambda y. For splittings: half the trace of
@@ -28,7 +34,7 @@ def plot_stability(names: Sequence[str], output: str | os.PathLike[str], *, over
     ``integrators.step_choice.stability``.
     """
     target = checked_target(output, overwrite)
-    return save_figure(stability_figure(names), target)
+    return save_figure(stability_figure(names), target, numbers, overwrite)
 
 
 def stability_figure(names: Sequence[str | Integrator]) -> Figure:

@@ -52,6 +52,11 @@ if TYPE_CHECKING:
 Observer = Callable[["Simulation"], Any]
 
 
+def default_method(system: System | Problem) -> str:
+    """Name of the integrator of a run that names none."""
+    return "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
+
+
 class Simulation(Present):
     """Runs a copy of a System, or a Problem, with an integrator.
 
@@ -99,10 +104,9 @@ class Simulation(Present):
         if not isinstance(system, System | Problem):
             raise InputError(f"a Simulation takes a System or a Problem, got {kind_of(system, Simulation)}")
         self._engine = engine_named(engine)
-        default = "velocity-verlet" if isinstance(system, System) else "dormand-prince45"
         name, asked = unpacked(integrator, {"dt": dt, **options})
         named = name if name is not None else system.run.integrator
-        self.integrator = default if named is None else self._engine.method_name(named)
+        self.integrator = default_method(system) if named is None else self._engine.method_name(named)
         self.method = method_named(self.integrator)
         self.options = settled(self.method, asked, system.run, getattr(system, "units", None))
         self.dt = self.options.dt

@@ -28,13 +28,15 @@ from kickdrift.model.starts.builders import (
     plane_lattice,
     turned_at_random,
 )
+from kickdrift.model.starts.chains import random_chains
 from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses, to_barycentric
 from kickdrift.model.starts.plummer import plummer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import body_names
 from kickdrift.model.units.quantities import number_density, quantity
 from kickdrift.model.units.unit_systems import UnitSystem
-from kickdrift.systemfile.schema import LatticeTable, PositionsTable, SystemTable
+from kickdrift.systemfile.files import prefixed
+from kickdrift.systemfile.schema import LatticeTable, PositionsTable, SystemTable, WalksTable
 from kickdrift.systemfile.schema_base import (
     ORBIT,
     BodiesTable,
@@ -144,6 +146,33 @@ def _molecules(particles: LatticeTable, lengths: Sequence[float] | None, units: 
     species = list(particles.species) * count
     charges = charges_of(particles, species)
     return Structure(positions, np.tile(masses, count), species, edges, periodic=True, charges=charges)
+
+
+def on_walks(particles: WalksTable, table: SystemTable, box: Box | None, units: UnitSystem) -> Structure:
+    """Particles on random walks, one along each chain of the topology."""
+    if table.dimensions == 2:
+        raise InputError("walks: expected 3 dimensions, got 2")
+    chains = None if table.topology is None else table.topology.chains
+    if chains is None:
+        raise InputError("walks: expected [topology] chains = { count = ..., length = ... }, along which to walk")
+    total = chains.count * chains.length
+    check_particles("topology.chains", total)
+    species = list(particles.species) * (chains.length if len(particles.species) == 1 else 1)
+    if len(species) != chains.length or (isinstance(particles.species, dict) and len(particles.species) > 1):
+        expected = f"one name, or a list of {chains.length} for the particles of a chain"
+        raise InputError(f"species: expected {expected}, got {shown(particles.species)}")
+    species *= chains.count
+    masses, charges = _masses(particles.mass, species, total, units), charges_of(particles, species)
+    given = box is not None
+    if given == (particles.density is not None):
+        raise InputError(f"density: expected density or box.lengths, got {'both' if given else 'neither'}")
+    if box is None:
+        density = number_density(particles.density, units, float(np.mean(masses)))
+        box = Box((float(np.cbrt(total / density)),) * 3)
+    walk = particles.walks
+    with prefixed("walks."):
+        positions = random_chains(chains.count, chains.length, box.matrix, walk.bond, walk.apart, particles.seed)
+    return Structure(positions, masses, species, None if given else box.lengths, periodic=True, charges=charges)
 
 
 def _of_compound(particles: LatticeTable) -> list[str]:
@@ -397,8 +426,6 @@ def topology_of(given: dict[str, Any], folder: Path) -> Topology:
             f"topology: expected exactly one of chains, file and bonds, got {' and '.join(sources) or 'none'}"
         )
     if (chains := given.pop("chains", None)) is not None:
-        if chains["length"] < 2:
-            raise InputError("topology.chains.length: expected 2 particles or more")
         return Topology.chains(**chains, **given)
     if (name := given.pop("file", None)) is not None:
         if "\0" in name:

@@ -45,6 +45,7 @@ from kickdrift.systemfile.particles import (
     molecules_of,
     on_lattice,
     on_orbits,
+    on_walks,
 )
 from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults, stage_of
@@ -280,7 +281,10 @@ def _system(data: dict[str, Any], path: Path, text: str, seed: int | None, overl
         with prefixed("velocities."):
             temperature = table.velocities.temperature
             made = system(drawn_velocities(made, temperature, seed))
-    check_overlaps(made, near=not overlaps)
+    if table.time is not None:
+        made = made.at(made.state.phase, table.time)
+    parted = overlaps or (bool(stages) and stages[0].minimize is not None)
+    check_overlaps(made, near=not parted)
     object.__setattr__(made, "ephemerides", start.ephemerides)
     return made if not table.event else made.watched(events_of(made, table.event))
 
@@ -323,6 +327,8 @@ def _start(
     with prefixed("particles."):
         if isinstance(particles, schema.LatticeTable):
             return on_lattice(particles, table, box, units)
+        if isinstance(particles, schema.WalksTable):
+            return on_walks(particles, table, box, units)
         if isinstance(particles, schema.PositionsTable):
             return as_given(particles, units, gravity)
         if isinstance(particles, ElementsTable | PlummerTable):

@@ -36,7 +36,7 @@ from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.systemfile import schema_base as base
 from kickdrift.systemfile.schema_base import In, Table
-from kickdrift.text import VALUE, clean, shown
+from kickdrift.text import VALUE, clean, shown, suggestion
 
 
 def mass_given(value: Any, info: ValidationInfo) -> float | dict[str, float]:
@@ -88,6 +88,20 @@ class LatticeTable(Table):
     seed: NonNegativeInt | None = None
 
 
+class WalkTable(Table):
+    bond: base.Edge
+    apart: base.Length = 0.0
+
+
+class WalksTable(Table):
+    walks: WalkTable
+    density: Density = None
+    mass: Masses = None
+    charge: Charges = None
+    species: Species = {"A": 1.0}
+    seed: NonNegativeInt
+
+
 class PositionsTable(Table):
     positions: Annotated[list[base.Vector], Field(min_length=1)]
     mass: Masses = None
@@ -110,7 +124,7 @@ class FileTable(Table):
     atom_style: Literal["atomic", "charge", "bond", "angle", "molecular", "full"] | None = None  # of LAMMPS' data files
 
 
-PARTICLES = ("lattice", "positions", "elements", "plummer", "file")
+PARTICLES = ("lattice", "walks", "positions", "elements", "plummer", "file")
 
 
 def _kind(data: Any) -> str | None:
@@ -120,6 +134,7 @@ def _kind(data: Any) -> str | None:
 
 ParticlesTable = Annotated[
     Annotated[LatticeTable, Tag("<lattice>")]
+    | Annotated[WalksTable, Tag("<walks>")]
     | Annotated[PositionsTable, Tag("<positions>")]
     | Annotated[base.ElementsTable, Tag("<elements>")]
     | Annotated[base.PlummerTable, Tag("<plummer>")]
@@ -174,6 +189,7 @@ class SystemTable(Table):
     units: str
     title: str = ""
     dimensions: Literal[2, 3] = 3
+    time: base.Moment | None = None
     particles: ParticlesTable
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()
@@ -196,7 +212,14 @@ class SystemTable(Table):
         within = {"velocities": VelocitiesTable.model_fields, "run": run, "box": BoxTable.model_fields}
         within["topology"] = base.TopologyTable.model_fields
         found = [f"{table}.{key}" for table, keys in within.items() if key in keys]
-        return f"; did you mean {found[0]}?" if found else super().hint(key)
+        if found:
+            return f"; did you mean {found[0]}?"
+        if near := super().hint(key):
+            return near
+        for table, keys in within.items():
+            if hint := suggestion(key, keys):
+                return hint.replace("'", f"'{table}.", 1)
+        return ""
 
 
 class OdeFileTable(Table):

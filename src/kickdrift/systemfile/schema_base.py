@@ -47,6 +47,7 @@ class OneOrMore:
 
 Length = Annotated[float, BeforeValidator(In("length"))]
 Edge = Annotated[float, BeforeValidator(In("length", "positive"))]
+Moment = Annotated[float, BeforeValidator(In("time"))]
 Time = Annotated[float, BeforeValidator(In("time", "positive"))]
 Radius = Annotated[float, BeforeValidator(In("length", "non-negative"))]
 Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]
@@ -258,7 +259,7 @@ class PlummerTable(Table):
 
 class ChainsTable(Table):
     count: PositiveInt
-    length: PositiveInt
+    length: Annotated[int, Field(ge=2)]
 
 
 class TopologyTable(Table):

@@ -40,11 +40,6 @@ def tables_of(system: System) -> dict[str, Any]:
     state, units = system.state, system.units
     if UNIT_SYSTEMS.get(units.name) != units:
         raise InputError(f"to_toml: units: a system file has no units of {units.length}, {units.time} and {units.mass}")
-    if state.time != 0:
-        raise InputError(
-            f"to_toml: a system file begins at time 0, and this system is at time {state.time:g}; "
-            "system.at(system.state.phase, 0.0) is the same at time 0"
-        )
     species = [system.species[k] for k in system.species_index]
     one_mass = np.all(state.masses == state.masses[0])
     particles: dict[str, Any] = {"mass": state.masses[0]} if one_mass else {"masses": state.masses}
@@ -59,6 +54,8 @@ def tables_of(system: System) -> dict[str, Any]:
         particles |= {"charge": system.charges[0]} if one_charge else {"charges": system.charges}
     title = toml_table(system.source).get("title") if system.source else None
     tables: dict[str, Any] = {"units": units.name} if title is None else {"title": title, "units": units.name}
+    if state.time != 0:
+        tables["time"] = state.time
     if system.dimensions != 3:
         tables["dimensions"] = system.dimensions
     tables |= {"particles": particles, "velocities": {"values": state.velocities}}

@@ -9,19 +9,20 @@ from typing import Any
 import numpy as np
 
 from kickdrift.model.box.box import Box
+from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.orbits import G_given, Paths, axes_of, central_row
 from kickdrift.model.patch import patch_of
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UnitSystem, symbol_of
+from kickdrift.plots.bonds import STICK, pairs_of
 from kickdrift.view.packing import packed, quantised, scaled, unpacked
-from kickdrift.view.sizes import molecules_of, pairs_of, pixels_of, radii_of
+from kickdrift.view.sizes import pixels_of, radii_of
 
 MOST_PARTICLES = 50_000  # on a page; a larger system shows every k-th particle
 FINE = 500_000  # coordinates outside of a box; up to this number they have 32 bits, beyond it and in a box 16
 TOP = 0.998  # part of the values within the range of a colour; the few largest would leave the rest in one colour
 FEW = 24  # most bodies with an own colour, trail, ellipse and name
-STICK = 0.6  # factor of the spheres' sizes where bonds are drawn
 ALIKE = 0.2  # least share of the bodies' angular momenta that adds up in bodies that go round alike
 WIDEST = 4.0  # ellipses that reach further than this times the bodies' distances begin outside the view
 DIMENSIONS = ("length", "time", "energy", "velocity", "temperature", "mass")
@@ -144,6 +145,7 @@ class Stage:
         bonds = pairs_of(system) if self.stride == 1 else np.zeros((0, 2), np.int64)
         if len(bonds) and system.topology is not None:
             colours.append({"name": "molecule", "label": "molecule", "unit": "", "kind": "class"})
+        first = colours[-1 if len(system.species) == 1 else 0]["name"]
         colours += [
             {"name": name, "label": name, "unit": unit, "kind": "range"}
             for name, unit in (("speed", units["velocity"]), ("kinetic energy", units["energy"]))
@@ -176,7 +178,7 @@ class Stage:
             "centre": _centre(x[there], central, self.kind, system.box),
             "reach": _reach(x[there], self.kind, system.box, chunks),
             "colours": colours,
-            "colour": label,
+            "colour": first,
             "size": 1.0,
             "curves": [],
             "verdict": [],

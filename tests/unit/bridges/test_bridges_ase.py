@@ -534,7 +534,7 @@ def slab() -> ase.Atoms:
     return atoms
 
 
-def test_a_frozen_layer_comes_from_ase_moves_as_there_and_goes_back():
+def test_a_frozen_layer_comes_from_ase_moves_as_there_and_goes_back(tmp_path):
     atoms, forces = slab(), [kd.LennardJones(EPSILON, SIGMA, cutoff=5.1, truncation="shift")]
     system = kd.System.from_ase(atoms, forces)
     assert len(system.fixed) == 16
@@ -542,12 +542,16 @@ def test_a_frozen_layer_comes_from_ase_moves_as_there_and_goes_back():
     atoms.calc = Calculator(forces)
     VelocityVerlet(atoms, 0.5).run(20)
     sim = kd.Simulation(system, dt=0.5 / Scale.of(system.units).velocity)
-    sim.run(20)
+    sim.run(20, output=tmp_path / "slab.h5md")
+    for name in ("slab.extxyz", "slab.traj"):
+        kd.export(tmp_path / "slab.h5md", tmp_path / name)
+        (held,) = ase.io.read(tmp_path / name).constraints
+        assert held.get_indices().tolist() == system.fixed.particles.tolist()
     np.testing.assert_allclose(sim.state.positions, atoms.positions, rtol=0, atol=1e-12)
     back = sim.now().to_ase()
     assert back.constraints[0].get_indices().tolist() == system.fixed.particles.tolist()
     with pytest.warns(UserWarning, match="those at a given velocity are free"):
-        moved = system.with_fixed(kd.Fixed(0, velocity=(1, 0, 0))).to_ase()
+        moved = system.with_fixed().with_fixed(kd.Fixed(0, velocity=(1, 0, 0))).to_ase()
     assert not moved.constraints
 
 

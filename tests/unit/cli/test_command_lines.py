@@ -433,4 +433,10 @@ def test_a_figure_gives_its_numbers(kickdrift):
         assert np.array_equal(table["y"], 1000 / run.observables["volume"])
     assert_refused(kickdrift("plot", "run.h5md", "--output", "b.png", "--csv", "b.txt"), ".csv")
     assert not Path("b.png").exists()
-    assert_refused(kickdrift("plot", "--stability", "leapfrog", "--csv", "b.csv"), "--csv is for a run's .h5md")
+    assert kickdrift("plot", "--stability", "leapfrog", "--csv", "b.csv")[0] == 0
+    x, y = np.genfromtxt("b.csv", delimiter=",", skip_header=1, usecols=(-2, -1)).T
+    half = len(x) // 2  # the method's curve, half the trace 1 - (omega dt)²/2, and the exact one
+    assert np.allclose(y[:half], 1 - x[:half] ** 2 / 2)
+    assert np.allclose(y[half:], np.cos(x[half:]))
+    assert_refused(kickdrift("plot", "--stability", "rk4", "--csv", "c.csv"), "c.csv: this figure has areas")
+    assert_refused(kickdrift("plot", "ode-pendulum", "--csv", "c.csv"), "--csv is for files, and FILE is a system file")

@@ -18,6 +18,7 @@ from kickdrift.model.starts.builders import (
     mixture,
     read_structure,
 )
+from kickdrift.model.starts.chains import random_chains
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 
@@ -28,6 +29,20 @@ NEIGHBOURS = {
     "fcc": (4, 12, np.sqrt(0.5)),
     "diamond": (8, 4, np.sqrt(0.1875)),
 }
+
+
+@pytest.mark.parametrize("apart", [0.0, 1.02])
+def test_random_chains_have_the_size_of_freely_rotating_ones(apart):
+    """Source: P. J. Flory, Statistical Mechanics of Chain Molecules, 1969, chapter 1, for a mean cosine."""
+    chains, bonds, bond = 4000, 20, 0.97
+    x = random_chains(chains, bonds + 1, np.eye(3), bond, apart, seed=3).reshape(chains, bonds + 1, 3)
+    np.testing.assert_allclose(np.linalg.norm(np.diff(x, axis=1), axis=2), bond, rtol=1e-12)
+    assert np.linalg.norm(x[:, 2:] - x[:, :-2], axis=2).min() >= apart * (1 - 1e-12)
+    c = (apart / (2 * bond)) ** 2
+    exact = bonds * bond**2 * ((1 + c) / (1 - c) - 2 * c * (1 - c**bonds) / (bonds * (1 - c) ** 2))
+    squared = ((x[:, -1] - x[:, 0]) ** 2).sum(axis=1)
+    assert abs(squared.mean() - exact) < 4 * squared.std() / np.sqrt(chains) < 0.06 * exact
+    assert np.abs((x[:, -1] - x[:, 0]).mean(axis=0)).max() < 4 * np.sqrt(exact / 3 / chains)
 
 
 @given(st.sampled_from(sorted(NEIGHBOURS)), st.integers(2, 5), st.floats(1e-3, 1e3))

@@ -151,7 +151,7 @@ def test_a_topology_without_bonds_comes_back():
         ("", "topology: expected exactly one of chains, file and bonds, got none"),
         ("bonds = []\nchains = {count = 1, length = 2}", "expected exactly one of chains, file and bonds"),
         ("chains = {count = 2, length = 3}", r"there is no particle 4; particles are 0 to 3"),
-        ("chains = {count = 2, length = 1}", "topology.chains.length: expected 2 particles or more"),
+        ("chains = {count = 2, length = 1}", "topology.chains.length: expected a number greater than or equal to 2"),
         ("bond = [[0, 1]]", "topology.bond: unknown key; did you mean 'bonds'"),
         ('file = "nowhere.data"', "topology.file: no such file: nowhere.data"),
     ],

@@ -132,6 +132,11 @@ def test_a_bath_that_cools_is_no_melting():
     assert "equilibrate first" in said
 
 
+def test_the_rigid_bonds_of_a_liquid_are_no_lattice():
+    assert lattice_spacing(kd.load("water-512")) is None
+    assert lattice_spacing(kd.load("rock-salt")) == pytest.approx(2.89, rel=1e-3)  # of two species
+
+
 def test_no_word_on_a_lattice_after_an_equilibration():
     """The run below begins as a liquid far from its temperature."""
     sim = kd.Simulation(kd.load("lj-1000"))

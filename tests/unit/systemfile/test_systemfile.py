@@ -16,6 +16,7 @@ from kickdrift.systemfile import files
 from kickdrift.systemfile import reading as systemfile
 from kickdrift.systemfile.files import describe, shipped, toml_table
 from kickdrift.systemfile.reading import load, loads
+from kickdrift.systemfile.templates import template
 from kickdrift.text import choices
 
 GOOD = """
@@ -168,6 +169,40 @@ def test_explicit_arrays_species_and_masses():
     assert system.state.velocities.tolist() == [[1, 0, 0], [0, 1, 0]]
 
 
+POLYMER = template("polymer")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[topology]\nchains = { count = 40, length = 20 }", "", "particles.walks: expected [topology] chains = {"),
+        ("length = 20 }", "length = 1 }", "topology.chains.length: expected a number greater than or equal to 2"),
+        ("apart = 1.02", "apart = 2.0", "particles.walks.apart: expected 0 or more, and less than two bonds"),
+        ("bond = 0.97", "bond = -1", "particles.walks.bond: expected a positive length, got -1"),
+        ("density = 0.85\n", "", "particles.density: expected density or box.lengths, got neither"),
+        ("[velocities]", "[box]\nlengths = [9, 9, 9]\n[velocities]", "density or box.lengths, got both"),
+        ("mass = 1.0", 'species = ["A", "B"]', "particles.species: expected one name, or a list of 20"),
+        ("seed = 1  # draws", "# draws", "particles.seed: required key is missing"),
+        ('units = "lj"', 'units = "lj"\ndimensions = 2', "particles.walks: expected 3 dimensions, got 2"),
+        ("minimize = { force = 1.0 }", "steps = 5", "overlap: distance 0.05"),
+    ],
+)
+def test_a_melt_of_random_chains_that_is_wrong_is_one_line(old, new, message):
+    assert message in message_of(changed(POLYMER, old, new))
+
+
+def test_random_chains_fill_their_box():
+    melt = loads(POLYMER, name="mine")
+    assert len(melt) / melt.box.volume == pytest.approx(0.85)
+    boxed = changed(POLYMER, "density = 0.85\n", 'species = ["E", "M", "M", "E"]\n')
+    boxed = changed(boxed, "[velocities]", "[box]\nlengths = [20, 9, 7]\n[velocities]")
+    boxed = loads(changed(boxed, "length = 20 }", "length = 4 }"), name="mine")
+    assert boxed.species_index.reshape(40, 4).tolist() == [[0, 1, 1, 0]] * 40
+    first = boxed.state.positions[::4]
+    assert boxed.box.lengths == (20, 9, 7)
+    np.testing.assert_allclose(first.max(axis=0), boxed.box.lengths, rtol=0.1)
+
+
 def test_the_seed_can_be_replaced():
     assert (load("lj-1000", seed=1).state.velocities == load("lj-1000").state.velocities).all()
     other = load("lj-1000", seed=2)
@@ -257,7 +292,7 @@ BAD = [
         "particles.lattice: expected 'sc', 'bcc', 'fcc', 'diamond', 'rock-salt', 'caesium-chloride', 'zincblende', "
         "'square' or 'hexagonal', got",
     ),
-    (GOOD, 'lattice = "sc"', "", "particles: expected a table with exactly one of lattice, positions, elements"),
+    (GOOD, 'lattice = "sc"', "", "particles: expected a table with exactly one of lattice, walks, positions"),
     (GOOD, "count", "positions = [[1, 1, 1]]\ncount", "particles: expected a table with exactly one of lattice,"),
     (GOOD, "0.8\n", "nan\n", "particles.density: expected a finite number, got nan"),
     (GOOD, "0.8\n", "0\n", "particles.density: expected a positive finite number, got 0.0"),

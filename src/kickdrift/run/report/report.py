@@ -94,7 +94,7 @@ class Report(ShownReport):
     ``angular_momentum_taken`` (3 numbers) is the angular momentum that went from orbits into spins, and that of removed
     bodies. ``stopped``
     names the event that ended the run, "" if none did. ``equilibrated`` tells how the run was equilibrated before its
-    record began, "" if it was not.
+    record began, "" if it was not. ``fixed`` tells how many particles are fixed, "" if none is.
     """
 
     system: str
@@ -138,6 +138,7 @@ class Report(ShownReport):
     about: About = field(compare=False)
     charges: ChargeReport | None = None
     equilibrated: str = ""
+    fixed: str = ""
     molecules: MoleculeReport | None = None
     tensor: TensorReport | None = None
     hits: HitReport | None = None
@@ -293,6 +294,7 @@ def report(sim: Any) -> Report:
         ],
         charges=charge_report(system, sim),
         equilibrated=record.equilibrated,
+        fixed=str(system.fixed) if isinstance(system, System) and system.fixed is not None else "",
         molecules=molecule_report(system, sim),
         tensor=tensor_report(system, sim),
         hits=hit_report(sim),

@@ -36,6 +36,8 @@ class ShownReport(Shown):
             lines += self.charges.lines(units.symbol("length"))
         if units and self.molecules is not None:
             lines += self.molecules.lines(units.symbol("length"), units.symbol("temperature"))
+        if self.fixed:
+            lines.append(("fixed", self.fixed))
         if self.equilibrated:
             lines.append(("equilibrated", self.equilibrated))
         steps = counted(self.steps, "step", ",")

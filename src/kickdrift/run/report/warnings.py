@@ -91,16 +91,21 @@ def temperature_change(temperatures: Floats | None) -> tuple[float, float] | Non
 
 
 def lattice_spacing(system: System) -> float | None:
-    """Return the distance of nearest neighbours at the start if some particles, evenly chosen, all have the same."""
+    """Return the distance of nearest neighbours at the start if some particles, evenly chosen, all have the same.
+    Particles of one molecule are no neighbours: their bonds are alike in a liquid too."""
     positions, count = system.state.positions, len(system)
+    bonds = np.zeros((0, 2), np.int64) if system.topology is None else system.topology.bonds
+    molecule = molecules_of(bonds, count)
     if count <= PROBES:
         return None
     nearest = []
     for i in np.linspace(0, count - 1, PROBES).astype(int):
         apart = system.box.minimum_image(positions - positions[i])
         distances = np.einsum("ij,ij->i", apart, apart)
-        distances[i] = np.inf
+        distances[molecule == molecule[i]] = np.inf
         nearest.append(np.sqrt(distances.min()))
+    if not np.isfinite(nearest).all():
+        return None
     return float(np.mean(nearest)) if np.ptp(nearest) <= EVEN * np.mean(nearest) else None
 
 

@@ -68,10 +68,15 @@ class AtomsOf:
         self.symbols = np.array([symbol[kind] for kind in kinds])
         self.kinds = np.array(kinds) if UNKNOWN in symbol.values() else None
         self.changing = BODY_MASSES in run.columns
+        tables = run.system_record.get("fixed") or []
+        self.still = np.array([i for each in tables if "velocity" not in each for i in each["particles"]], np.int64)
+        if any("velocity" in each for each in tables):
+            self.notes.append("fixed particles at a given velocity are free")
         self.plane = {DIMENSIONS: 2} if run.system_record.get("dimensions") == 2 else {}
 
     def __call__(self, frame: Placed) -> Any:
         from ase import Atoms
+        from ase.constraints import FixAtoms
 
         run = self.run
         masses = self._masses(frame.number)
@@ -87,6 +92,8 @@ class AtomsOf:
             pbc=frame.box.periodic_axes,
         )
         atoms.set_velocities(self.velocities)
+        if len(self.still):  # with events, of which bodies may leave, nothing is fixed
+            atoms.set_constraint(FixAtoms(self.still))
         if run.charges is not None:
             atoms.set_initial_charges(run.charges[there] / elementary_charge(run.units))
         atoms.info = {
