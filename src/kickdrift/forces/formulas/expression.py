@@ -227,8 +227,8 @@ class Writer:
 
     def _number(self, node: ast.expr) -> Term:
         """A part without the variable: a number of the law, or of the formula itself."""
-        if isinstance(node, ast.Constant):
-            return Term(repr(float(node.value)), None)  # type: ignore[arg-type]
+        if (value := self._plain(node)) is not None:
+            return Term(f"({value!r})" if value < 0.0 else repr(value), None)
         key = ast.dump(node)
         if key not in self._places:
             self._places[key] = Term(f"p.c{len(self.numbers)}", None)
@@ -252,7 +252,7 @@ class Writer:
         return self._sloped(made, f"({' '.join(slopes)}) / {b.value}" if slopes else None)
 
     def _power(self, node: ast.BinOp) -> Term:
-        base, power = self._term(node.left), self._exponent(node.right)
+        base, power = self._term(node.left), self._plain(node.right)
         if power is not None:
             if abs(power) == 0.5:
                 root = self._function("sqrt", [node.left])
@@ -269,10 +269,15 @@ class Writer:
         made = self._step(f"math.exp({exponent.value} * {log.value})", None)
         return self._sloped(made, f"{made.value} * ({' + '.join(parts)})" if parts else None)
 
-    def _exponent(self, node: ast.expr) -> float | None:
-        """The number of an exponent; None if it is not a plain one."""
-        plain = not any(isinstance(each, ast.Name) for each in ast.walk(node))
-        return value_of(node, {}, {}) if plain else None
+    @staticmethod
+    def _plain(node: ast.expr) -> float | None:
+        """The value of an expression of plain numbers; None for one with names or functions, or without a value."""
+        if any(isinstance(each, ast.Name) for each in ast.walk(node)):
+            return None
+        try:
+            return value_of(node, {}, {})
+        except (ArithmeticError, ValueError):
+            return None
 
     def _over(self, of: Term) -> Term:
         """One over a value."""
