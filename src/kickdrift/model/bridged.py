@@ -108,7 +108,9 @@ class Bridged:
 
         The input is in the units of the system, from gromacs in real. It ends with the run of the system's defaults, if
         they have steps. A potential of many bodies, and the tables of a switched law, are files beside it.
-        ``kd.System.from_lammps(path)`` has the same energies to rounding, beside tables, which stay LAMMPS' own.
+        ``kd.System.from_lammps(path)`` has the same energies to rounding, beside tables, which stay LAMMPS' own. A
+        UserWarning names what was left out: stages, equilibration, barostats, events, and integrators that LAMMPS
+        lacks.
 
         Parameters
         ----------
