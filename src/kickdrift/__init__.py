@@ -367,6 +367,12 @@ def _to_lammps(*given: Any) -> Any:
     return to_lammps(*given)
 
 
+def _to_gromacs(*given: Any) -> Any:
+    from kickdrift.bridges.gromacs import to_gromacs
+
+    return to_gromacs(*given)
+
+
 def _frame(*given: Any) -> Any:
     from kickdrift.trajectory.read.starting import start_at
 
@@ -376,7 +382,7 @@ def _frame(*given: Any) -> Any:
 BRIDGES.update(ase=_ase, lammps=_lammps, MDAnalysis=_mdanalysis, openmm=_openmm, rebound=_rebound)
 SYSTEM_FILES.update(
     from_elements=_from_elements, with_body=_with_body, to_toml=_to_toml, frame=_frame, in_units=_in_units,
-    to_lammps=_to_lammps,
+    to_lammps=_to_lammps, to_gromacs=_to_gromacs,
 )  # fmt: skip
 
 

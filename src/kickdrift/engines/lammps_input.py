@@ -13,6 +13,7 @@ import numpy as np
 from kickdrift.bridges.lammps_data import flags_of
 from kickdrift.disk.kinds import LAMMPS_HEADING, LAMMPS_INPUT
 from kickdrift.disk.outputs import checked_target, private_place, settle
+from kickdrift.disk.outputs import reason as reason_of
 from kickdrift.engines import rigid
 from kickdrift.engines.fields import without
 from kickdrift.engines.forces import beside_charges, coulomb_of, strange
@@ -75,7 +76,7 @@ def to_lammps(system: System, path: str | os.PathLike[str], overwrite: bool = Fa
             for each in (*made, data, part):
                 settle(each, target.with_name(each.name), LAMMPS_INPUT, overwrite=overwrite)
     except OSError as error:
-        raise InputError(f"to_lammps: {target}: cannot be written: {reason(error)}") from None
+        raise InputError(f"to_lammps: {target}: cannot be written: {reason_of(error)}") from None
     more = tuple(target.with_name(each.name) for each in made)
     if left:
         warnings.warn(f"to_lammps: left out: {', '.join(left)}", UserWarning, stacklevel=3)

@@ -124,6 +124,27 @@ class Bridged:
         """
         return SYSTEM_FILES["to_lammps"](self, path, overwrite)
 
+    def to_gromacs(self, path: Any, overwrite: bool = False) -> Any:
+        """Write a topology and coordinates of GROMACS, NAME.top and NAME.gro, and return their paths.
+
+        ``kd.load("NAME.top", coordinates="NAME.gro", rigid="none")`` reads both back, with the same energies to
+        rounding. A topology holds no cutoffs and no methods; a comment at its top says them in the words of an .mdp
+        file. Bonded terms are harmonic-bond, harmonic-angle, periodic-dihedral, periodic-improper, harmonic-improper
+        and ryckaert-bellemans, beside lennard-jones, coulomb, listed-pairs, constraints and virtual sites.
+
+        Parameters
+        ----------
+        path : file that ends in .top or .gro
+        overwrite : whether to replace files of these names that kickdrift wrote
+
+        Raises
+        ------
+        InputError
+            For units other than gromacs, metal and real, other forces, fixed particles, and charges of pairs three
+            bonds apart that are not scaled alike.
+        """
+        return SYSTEM_FILES["to_gromacs"](self, path, overwrite)
+
     @classmethod
     def from_mdanalysis(
         cls,
