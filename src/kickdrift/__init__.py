@@ -176,6 +176,11 @@ __all__ = [
     "Fene",
     "FileOptions",
     "Fixed",
+    "FormulaAngle",
+    "FormulaBond",
+    "FormulaDihedral",
+    "FormulaImproper",
+    "FormulaPair",
     "GasDrag",
     "GaussianCore",
     "Gravity",
@@ -329,6 +334,7 @@ _ABOVE = {
     "System of a frame": "trajectory.opened:start_at",
     "system file": "systemfile.writing:to_toml",
     "input of LAMMPS": "engines.lammps_input:to_lammps",
+    "files of GROMACS": "bridges.gromacs:to_gromacs",
     "view": "view.views:view_of",
 }
 ABOVE.update({what: f"kickdrift.{place}" for what, place in _ABOVE.items()})

@@ -44,13 +44,13 @@ SCHEMA = "system-file.schema.json"  # also the name that shipped files give
 
 @with_files
 def export(
-    file: Annotated[Path, argument("FILE.h5md", "A run's file; or a system, for an input of LAMMPS.")],
+    file: Annotated[Path, argument("FILE.h5md", "A run's file; or a system, for files of LAMMPS or GROMACS.")],
     output: Annotated[
         Path,
         argument(
             "OUT",
             "The suffix sets the format: dcd, xtc, trr, xyz, pdb, extxyz, traj, data, bin; in.NAME or NAME.in is an "
-            "input of LAMMPS.",
+            "input of LAMMPS, and NAME.top the topology of GROMACS beside NAME.gro.",
         ),
     ],
     unwrapped: Annotated[
@@ -66,24 +66,31 @@ def export(
     quiet: Quiet = False,
 ) -> None:
     """Write a run's frames for other programs, and print what the format loses. Or write a system, or a frame of a run
-    with its forces, as an input of LAMMPS."""
-    if output.name.startswith("in.") or output.suffix.lower() in LAMMPS_INPUTS:
+    with its forces, as an input of LAMMPS or a topology of GROMACS."""
+    gromacs = output.suffix.lower() == ".top"
+    if gromacs or output.name.startswith("in.") or output.suffix.lower() in LAMMPS_INPUTS:
+        what = "a topology of GROMACS" if gromacs else "an input of LAMMPS"
         if unwrapped or not start is stop is step is None:
-            raise InputError(
-                "an input of LAMMPS has one --frame; --unwrapped, --start, --stop and --step are for others"
-            )
+            raise InputError(f"{what} has one --frame; --unwrapped, --start, --stop and --step are for others")
         made = subject_of(str(file), frame=frame, **files)
         if not isinstance(made, System):
-            raise InputError(f"{file}: is an ODE; LAMMPS moves particles")
-        for each in made.to_lammps(output, overwrite).files:
+            raise InputError(f"{file}: is an ODE; {'GROMACS' if gromacs else 'LAMMPS'} moves particles")
+        for each in (made.to_gromacs if gromacs else made.to_lammps)(output, overwrite).files:
             out(str(each))
         return
+<<<<<<< HEAD
     if any(value is not None for value in files.values()):
         raise InputError("files of force fields are for an input of LAMMPS: in.NAME or NAME.in")
     if frame is not None:
         if not start is stop is step is None:
             raise InputError("--frame is one frame; --start, --stop and --step choose others")
         start, stop = frame, frame + 1 or None
+=======
+    if frame is not None or any(value is not None for value in files.values()):
+        raise InputError(
+            "--frame and files of force fields are for an input of LAMMPS, in.NAME or NAME.in, and for NAME.top"
+        )
+>>>>>>> h42
     with progress_bar(quiet) as bar:
         done = kd.export(
             file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,

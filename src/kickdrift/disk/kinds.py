@@ -17,6 +17,7 @@ SERIES_MARK = "kickdrift_problem"  # in the table of a Problem's run
 _PDB = re.compile(rb"(HEADER|TITLE |REMARK|CRYST1|MODEL |ATOM  |HETATM)")
 _SYSTEM = re.compile(rb'(title = "[^\n]*"\n)?units = "[a-z]+"\n(dimensions = 2\n)?\n\[particles\]\n')
 LAMMPS_HEADING = "LAMMPS data file by kickdrift"
+GROMACS_TOPOLOGY, GROMACS_COORDINATES = "; GROMACS topology by kickdrift", "GROMACS coordinates by kickdrift"
 _LAMMPS = (LAMMPS_HEADING.encode(), b"# LAMMPS input by kickdrift", b"written by kickdrift", b"# written by kickdrift")
 _EXPORTS: dict[str, Callable[[bytes], bool]] = {
     ".dcd": lambda head: head[4:8] == b"CORD",
@@ -109,6 +110,10 @@ PAGE = Kind("a view", (".html",), _page)
 FILM = Kind("a film", FILMS, _film, streams=False)
 TABLE = Kind("the table of an ensemble", (".parquet", ".h5"), _table, streams=False)
 LAMMPS_INPUT = Kind("a file of LAMMPS", (), lambda head, tail: head.startswith(_LAMMPS), streams=False)
+GROMACS_FILE = Kind(
+    "a file of GROMACS", (".top", ".gro"),
+    lambda head, tail: head.startswith((GROMACS_TOPOLOGY.encode(), GROMACS_COORDINATES.encode())), streams=False,
+)  # fmt: skip
 JOURNAL = Kind("the journal of an ensemble", (), lambda head, tail: head.startswith(b"{"), streams=False)
 
 

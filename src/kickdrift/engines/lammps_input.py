@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 from kickdrift.forces.external.lammps_data import flags_of
 from kickdrift.disk.kinds import LAMMPS_HEADING, LAMMPS_INPUT
 from kickdrift.disk.outputs import checked_target, private_place, settle
+from kickdrift.disk.outputs import reason as reason_of
 from kickdrift.engines import rigid
 from kickdrift.engines.fields import without
 from kickdrift.engines.forces import beside_charges, coulomb_of, strange
@@ -29,6 +31,7 @@ UNITS = ("lj", "metal", "real")  # unit systems whose numbers LAMMPS and kickdri
 CONVERTED = {"gromacs": "real"}
 LABEL = re.compile(r"[A-Za-z][\w+.-]*")  # a label of a type that no pattern of LAMMPS could mean
 LANGEVIN = ("baoab", "obabo", "aboba", "baoa", "gjf")
+TAKEN = ("temperature", "friction", "tau", "chain")  # options of baths that the input has
 SEED = 4711  # of LAMMPS' random numbers, for a System without a seed
 REACH = 3.0  # cutoff of lists where the pair style alone knows its own
 SHAKE = 1e-10
@@ -59,18 +62,24 @@ def to_lammps(system: System, path: str | os.PathLike[str], overwrite: bool = Fa
     if reason := _refusal(system):
         raise InputError(f"to_lammps: {reason}")
     model = _model(system)
+    left = _left_out(system)
     checked_target(target, LAMMPS_INPUT, overwrite)
-    with private_place(target) as part:
-        data = part.with_name(f"{name}.data")
-        with data.open("w", encoding="utf-8") as file:
-            space = _write_data(system, model, file)
-        part.write_text("\n".join([*_lines(system, model, space, data), ""]), encoding="utf-8")
-        made = sorted(each for each in part.parent.iterdir() if each not in (part, data))
-        for each in (*made, data):
-            checked_target(target.with_name(each.name), LAMMPS_INPUT, overwrite)
-        for each in (*made, data, part):
-            settle(each, target.with_name(each.name), LAMMPS_INPUT, overwrite=overwrite)
+    try:
+        with private_place(target) as part:
+            data = part.with_name(f"{name}.data")
+            with data.open("w", encoding="utf-8") as file:
+                space = _write_data(system, model, file)
+            part.write_text("\n".join([*_lines(system, model, space, data), ""]), encoding="utf-8")
+            made = sorted(each for each in part.parent.iterdir() if each not in (part, data))
+            for each in (*made, data):
+                checked_target(target.with_name(each.name), LAMMPS_INPUT, overwrite)
+            for each in (*made, data, part):
+                settle(each, target.with_name(each.name), LAMMPS_INPUT, overwrite=overwrite)
+    except OSError as error:
+        raise InputError(f"to_lammps: {target}: cannot be written: {reason_of(error)}") from None
     more = tuple(target.with_name(each.name) for each in made)
+    if left:
+        warnings.warn(f"to_lammps: left out: {', '.join(left)}", UserWarning, stacklevel=3)
     return Written(target, target.with_name(data.name), more)
 
 
@@ -156,6 +165,28 @@ def _stepping(system: System) -> tuple[str, ...]:
     return (*(line.format(**given) for line in lines), *plane)
 
 
+def _left_out(system: System) -> list[str]:
+    """What the System says of runs and the input does not."""
+    said = system.run.said()
+    name = said.get("integrator")
+    known = name in (None, *LANGEVIN, *FIXES)
+    fixes = " ".join(_stepping(system))
+    taken = {"integrator", "dt", "steps", "time", "every", "interval", *(TAKEN if "bath" in fixes else ())}
+    found = [] if known else [f"integrator {name} (the input has fix nve)"]
+    if name in FIXES and name != "velocity-verlet" and "bath" not in fixes:
+        found.append(f"integrator {name}, because its temperature or time is not stated (the input has fix nve)")
+    found += [f"{key} = {said[key]}" for key in said if key not in taken]
+    found += ["[equilibrate]"] if system.equilibration is not None else []
+    found += [f"stage {stage.name!r}" for stage in system.stages]
+    return found + [f"event {event.kind}" for event in system.events]
+
+
+def _steps(system: System) -> int:
+    """Steps of the System's default run; 0 without one."""
+    run = system.run
+    return run.steps or (round(run.time / run.dt) if run.time and run.dt else 0)
+
+
 def _write_data(system: System, model: Model, file: Any) -> Space:
     """Write the data file, and return LAMMPS' box."""
     x = system.state.positions.copy()
@@ -205,7 +236,7 @@ def _lines(system: System, model: Model, space: Space, data: Path) -> list[str]:
         *(line for wall in model.walls for line in wall),
         *([f"timestep {system.run.dt!r}"] if system.run.dt else []),
         "thermo 100",
-        *([f"run {system.run.steps}"] if system.run.steps else ["run 0"]),
+        f"run {_steps(system)}",
     ]
 
 

@@ -84,8 +84,11 @@ def refusal(job: Job) -> str | None:
         return reason
     if reason := strange(system, "OpenMM"):
         return reason
-    if getattr(beside_charges(system), "tail", False):
-        return "tail: OpenMM has no tail correction for this kind of force"
+    if getattr(force := beside_charges(system), "tail", False):
+        if system.dimensions == 2:
+            return "tail: OpenMM has no tail correction in two dimensions"
+        if len(ends := force.ends(system.species)) > 1 or any(end.truncation != "cut" for end in ends):
+            return "tail: OpenMM takes it with truncation 'cut' and one cutoff alone"
     if _tabled(system) and coulomb_of(system) is not None:
         return "force 'tabulated': OpenMM gets no tables beside charges"
     if _tabled(system) and system.topology is not None and (system.topology.scaled.factors > 0).any():
@@ -99,7 +102,12 @@ def _tabled(system: System) -> bool:
 
 def remarks(job: Job) -> list[str]:
     """How OpenMM's forces differ from those asked for."""
-    if not _tabled(without(job.system, IN_OPENMM)):
+    system = without(job.system, IN_OPENMM)
+    if getattr(beside_charges(system), "tail", False) and len(system.species) > 1:
+        return [
+            "OpenMM averages the tail over N (N + 1) / 2 pairs: its energy and pressure differ by 1 / N of the tail"
+        ]
+    if not _tabled(system):
         return []
     return [f"OpenMM takes the energy from tables of {POINTS:,} points, joined by cubics: forces agree to about 2e-8"]
 
@@ -223,6 +231,7 @@ def _lennard_jones(system: System, force: Any) -> Any:
         made.addParticle([kind])
     exclude(made, system)
     made.setCutoffDistance(max(end.cutoff for end in ends))
+    made.setUseLongRangeCorrection(bool(force.tail))
     made.setNonbondedMethod(made.CutoffPeriodic if system.box.periodic else made.CutoffNonPeriodic)
     return _scaled(made)
 

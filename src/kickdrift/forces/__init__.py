@@ -13,6 +13,7 @@ from kickdrift.forces.around.spins import TidesSpin
 from kickdrift.forces.around.tides import Tides
 from kickdrift.forces.beside.unknowns import Beside
 from kickdrift.forces.bonded.cmap import Cmap
+from kickdrift.forces.bonded.formula import FormulaAngle, FormulaBond, FormulaDihedral, FormulaImproper
 from kickdrift.forces.bonded.own_pairs import ListedPairs
 from kickdrift.forces.bonded.shipped import (
     CosineAngle,
@@ -39,6 +40,7 @@ from kickdrift.forces.gravity.sheet import GravitySheet
 from kickdrift.forces.many_body.embedded_atom import EmbeddedAtom
 from kickdrift.forces.many_body.stillinger_weber import StillingerWeber
 from kickdrift.forces.many_body.tersoff import Tersoff
+from kickdrift.forces.pairs.formula import FormulaPair
 from kickdrift.forces.pairs.lennard_jones import LennardJones
 from kickdrift.forces.pairs.shipped import (
     BornMayerHuggins,
@@ -67,6 +69,7 @@ _ALL: tuple[Any, ...] = (
     SoftPair,
     Zbl,
     Tabulated,
+    FormulaPair,
     Coulomb,
     Gravity,
     GravityTree,
@@ -103,6 +106,10 @@ _ALL: tuple[Any, ...] = (
     TabulatedBond,
     TabulatedAngle,
     TabulatedDihedral,
+    FormulaBond,
+    FormulaAngle,
+    FormulaDihedral,
+    FormulaImproper,
     Cmap,
     ListedPairs,
     HarmonicTrap,

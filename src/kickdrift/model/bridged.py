@@ -106,7 +106,9 @@ class Bridged:
 
         The input is in the units of the system, from gromacs in real. It ends with the run of the system's defaults, if
         they have steps. A potential of many bodies, and the tables of a switched law, are files beside it.
-        ``kd.System.from_lammps(path)`` has the same energies to rounding, beside tables, which stay LAMMPS' own.
+        ``kd.System.from_lammps(path)`` has the same energies to rounding, beside tables, which stay LAMMPS' own. A
+        UserWarning names what was left out: stages, equilibration, barostats, events, and integrators that LAMMPS
+        lacks.
 
         Parameters
         ----------
@@ -119,6 +121,27 @@ class Bridged:
             For forces, virtual sites and fixed particles without a counterpart in LAMMPS, and for other units.
         """
         return above("input of LAMMPS")(self, path, overwrite)
+
+    def to_gromacs(self, path: Any, overwrite: bool = False) -> Any:
+        """Write a topology and coordinates of GROMACS, NAME.top and NAME.gro, and return their paths.
+
+        ``kd.load("NAME.top", coordinates="NAME.gro", rigid="none")`` reads both back, with the same energies to
+        rounding. A topology holds no cutoffs and no methods; a comment at its top says them in the words of an .mdp
+        file. Bonded terms are harmonic-bond, harmonic-angle, periodic-dihedral, periodic-improper, harmonic-improper
+        and ryckaert-bellemans, beside lennard-jones, coulomb, listed-pairs, constraints and virtual sites.
+
+        Parameters
+        ----------
+        path : file that ends in .top or .gro
+        overwrite : whether to replace files of these names that kickdrift wrote
+
+        Raises
+        ------
+        InputError
+            For units other than gromacs, metal and real, other forces, fixed particles, and charges of pairs three
+            bonds apart that are not scaled alike.
+        """
+        return above("files of GROMACS")(self, path, overwrite)
 
     @classmethod
     def from_mdanalysis(

@@ -113,6 +113,8 @@ def _force(force: Any, scale: _Scale) -> Any:
 
 def _value(value: Any, key: str, dimensions: Mapping[str, str], scale: _Scale) -> Any:
     """A parameter converted. Tables of species, pairs and types hold the names of parameters."""
+    if key == "parameters":  # of a formula, in the units of the formula
+        return value
     if isinstance(value, Mapping):
         return {
             each: _value(one, each if each in dimensions else key, dimensions, scale) for each, one in value.items()

@@ -28,8 +28,12 @@ def refuse_files(what: str | os.PathLike[str], given: Mapping[str, Any]) -> None
     """Refuse arguments for files of force fields that are given with another system, which ``what`` names."""
     for key, value in given.items():
         if value is not None:
-            alone = f", and for .pdb and .cif with force_field, and {what} is none of these"
-            raise InputError(f"{key}: is for files of force fields ({choices(PARAMETERS)}){alone}")
+            bare = os.path.splitext(what)[1].lower() in BARE
+            alone = "which is not given" if bare else f"and {what} is none of these"
+            raise InputError(
+                f"{key}: is for files of force fields ({choices(PARAMETERS)}), and for .pdb and .cif with force_field, "
+                f"{alone}"
+            )
 
 
 def force_field_system(

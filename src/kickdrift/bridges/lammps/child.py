@@ -18,7 +18,7 @@ from kickdrift.forces.external.lammps_library import lammps_class
 GLOBALS = ("units", "dt", "boxlo", "boxhi", "xy", "xz", "yz", "periodicity", "special_lj", "special_coul")
 COLUMNS = ("x", "v", "image", "type", "q", "rmass")
 LISTS = ("bonds", "angles", "dihedrals", "impropers")
-MATRICES = ("epsilon", "sigma")
+MATRICES = ("epsilon", "sigma", "lj14_3", "lj14_4")  # the last two: 4 epsilon sigma^12 and ^6, of CHARMM's 1-4 pairs
 _DAMAGED = re.compile(r"Last input line:.*|\(src/\S+\)|For more information see \S+")
 
 

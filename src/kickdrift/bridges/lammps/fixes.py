@@ -26,16 +26,18 @@ class Asked(NamedTuple):
     run : arguments of RunDefaults
     rigid : types of bonds and of angles that are rigid
     left : what stays behind
+    masses : of particles whose bonds are rigid
     """
 
     run: dict[str, Any]
     rigid: dict[str, set[int]]
     left: list[str]
+    masses: list[float]
 
 
 def asked_of(read: Read) -> Asked:
     """Return what the fixes in force ask for."""
-    found = Asked({"dt": float(read.told["dt"])}, {"bonds": set(), "angles": set()}, [])
+    found = Asked({"dt": float(read.told["dt"])}, {"bonds": set(), "angles": set()}, [], [])
     for name, (group, style, *rest) in _in_force(read).items():
         style = style.removesuffix("/omp").removesuffix("/kk").removesuffix("/gpu").removesuffix("/intel")
         where = f"fix {name} {group} {style}"
@@ -89,6 +91,13 @@ def _three(where: str, words: Sequence[str]) -> list[float]:
     return [start, end, time]
 
 
+def _number(where: str, word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise InputError(f"{where}: expected masses as numbers after m, got {shown(word)}") from None
+
+
 def _bath(where: str, found: Asked, name: str, start: float, end: float, **more: float) -> None:
     if abs(end - start) > LIMIT * abs(start):
         found.left.append(f"the change of temperature of {where}, from {start:g} to {end:g}")
@@ -99,12 +108,16 @@ def _rigid(where: str, words: Sequence[str], found: Asked) -> None:
     """Take the types of rigid bonds and angles."""
     kind = ""
     for word in words[3:]:
-        if word in ("b", "a"):
-            kind = {"b": "bonds", "a": "angles"}[word]
-        elif word in ("t", "m", "mol", "kbond", "store"):
-            if word in ("t", "m"):
-                raise InputError(f"{where}: {word} names rigid bonds by their atoms; kickdrift takes b and a, by types")
+        if word in ("b", "a", "m"):
+            kind = {"b": "bonds", "a": "angles", "m": "masses"}[word]
+        elif word in ("t", "mol", "kbond", "store"):
+            if word == "t":
+                raise InputError(
+                    f"{where}: t names rigid bonds by types of atoms; kickdrift takes b and a, by types, and m, a mass"
+                )
             kind = ""
+        elif kind == "masses":
+            found.masses.append(_number(where, word))
         elif kind:
             if not word.isdecimal():
                 raise InputError(f"{where}: expected numbers of types after {kind[0]}, got {shown(word)}")

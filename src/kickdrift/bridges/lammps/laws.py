@@ -23,6 +23,17 @@ from kickdrift.forces import (
 from kickdrift.forces.pairs.shipped import WELL
 
 LENNARD_JONES = "lj/cut"
+WELL_OF = "4*epsilon*((sigma/r)^12-(sigma/r)^6)"
+SWITCHED = {  # formulas of Lennard-Jones that ends smoothly, by pair style
+    "lj/charmm/coul/long": (  # Brooks et al. 1983, doi:10.1002/jcc.540040211, eq. 13
+        f"well*select(step(r-inner), (b-x)^2*(b+2*x-3*a)/(b-a)^3, 1); x=r*r; a=inner^2; b=outer^2; well={WELL_OF}"
+    ),
+    "lj/gromacs": (  # van der Spoel et al., GROMACS' reference manual, shifted interactions
+        f"{WELL_OF}+c0+select(step(d), d^3*(c3+c4*d), 0); d=r-inner; w=outer-inner; c3=(w*u2-3*u1)/(3*w^2); "
+        "c4=(2*u1-w*u2)/(4*w^3); c0=w*u1/2-u0-w^2*u2/12; u0=4*epsilon*(t*t-t); u1=24*epsilon*(t-2*t*t)/outer; "
+        "u2=4*epsilon*(156*t*t-42*t)/outer^2; t=(sigma/outer)^6"
+    ),
+}  # fmt: skip
 
 
 class PairStyle(NamedTuple):

@@ -18,12 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.bridges.lammps.laws import LENNARD_JONES, STYLES, PairStyle
+from kickdrift.bridges.lammps.laws import LENNARD_JONES, STYLES, SWITCHED, PairStyle
 from kickdrift.bridges.lammps.reading import Read, span
 from kickdrift.errors import InputError
 from kickdrift.forces import (
     Coulomb,
     EmbeddedAtom,
+    FormulaPair,
     LammpsForce,
     LennardJones,
     ListedPairs,
@@ -45,6 +46,7 @@ EAM = ("eam", "eam/alloy", "eam/fs", "eam/he")
 SUFFIXES = ("/opt", "/omp", "/gpu", "/intel", "/kk")
 HARMLESS = {"table", "tabinner", "table/disp", "nofdotr", "mix", "shift", "tail"}  # of pair_modify
 PLAIN = (1.0, 1.0, 1.0)
+MIXING = {"lj/charmm/coul/long": "arithmetic", "lj/gromacs": "geometric"}  # as LAMMPS mixes where nothing is said
 CLOSE = 1e-5  # relative, between a number and LAMMPS' six digits of it
 
 
@@ -93,6 +95,8 @@ def pairs_of(read: Read, types: Types, kinds: NDArray[np.int64], given: Charges,
     own: list[Any] | None = [] if name in ("none", "zero") else None
     if name in EAM or name in MANY_BODY:
         own = _many_body(read, types, name)
+    elif name in SWITCHED:
+        own = _switched(read, types, name, arguments, given, listed)
     elif name in (LONG, LINEAR) or _style(name) is not None:
         own = _plain(read, types, name, arguments, given, listed)
     if own is None:
@@ -167,6 +171,52 @@ def _plain(
     if name.endswith(LONG) and given.charges is not None:
         forces.append(_coulomb(read, numbers[-1], given))
     return forces
+
+
+def _switched(
+    read: Read, types: Types, name: str, arguments: list[str], given: Charges, listed: list[Any]
+) -> list[Any] | None:
+    """Lennard-Jones that ends smoothly, by its formula, and Coulomb's law; None where LAMMPS' own style is needed."""
+    inner, outer, *rest = (float(each) for each in arguments)
+    if listed or not _modified(read).keys() <= HARMLESS - {"shift", "tail"}:
+        return None
+    rows = {row.types: row.numbers() for row in read.rows("PairIJ")}
+    pairs: dict[tuple[str, str], dict[str, Any]] = {}
+    for i, j in combinations_with_replacement(sorted(types.species), 2):
+        told = rows.get((i, j), [])
+        if len(told) != 4:
+            return None
+        if not read.states(i, j):
+            mixed = _mixed(rows[i, i], rows[j, j], _modified(read).get("mix", MIXING[name]))
+            if not np.allclose(mixed, told[:2], rtol=CLOSE, atol=0.0):
+                return None
+            told = [*mixed, *told[2:]]
+        own = {"epsilon": told[0], "sigma": told[1] or 1.0, "inner": inner, "outer": outer}
+        if not name.endswith(LONG):
+            ends = zip(("inner", "outer"), (inner, outer), told[2:], strict=True)
+            own |= {key: end if math.isclose(end, each, rel_tol=CLOSE) else each for key, end, each in ends}
+        pairs[types.species[i], types.species[j]] = own
+    cutoffs = {each["outer"] for each in pairs.values()}
+    shared = {key: value for key, value in {"inner": inner, "outer": outer}.items()
+              if all(each[key] == value for each in pairs.values())}  # fmt: skip
+    tables = {
+        pair: {"parameters": {key: value for key, value in each.items() if key not in shared}}
+        | ({"cutoff": each["outer"]} if len(cutoffs) > 1 else {})
+        for pair, each in pairs.items()
+    }
+    forces: list[Any] = [FormulaPair(SWITCHED[name], shared, pairs=tables, cutoff=max(cutoffs), truncation="cut")]
+    if name.endswith(LONG) and given.charges is not None:
+        forces.append(_coulomb(read, rest[0] if rest else outer, given))
+    return forces
+
+
+def _mixed(one: Sequence[float], other: Sequence[float], how: str) -> tuple[float, float]:
+    """Epsilon and sigma of two types, as LAMMPS mixes them."""
+    (e1, s1), (e2, s2) = one[:2], other[:2]
+    if how == "sixthpower":
+        sixth = 0.5 * (s1**6 + s2**6)
+        return (math.sqrt(e1 * e2) * (s1 * s2) ** 3 / sixth if sixth else 0.0), sixth ** (1.0 / 6.0)
+    return math.sqrt(e1 * e2), math.sqrt(s1 * s2) if how == "geometric" else 0.5 * (s1 + s2)
 
 
 def _modified(read: Read) -> dict[str, str]:

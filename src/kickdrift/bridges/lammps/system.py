@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from kickdrift.disk.foreign import is_lammps_data, is_lammps_input
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.constraint import Constraint
+from kickdrift.model.molecules.relatives import Relatives
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.run_defaults import RunDefaults
 from kickdrift.model.system import System
@@ -35,6 +37,7 @@ _HEADING = re.compile(r"units = (\w+)")
 _STYLE = re.compile(r"^[ \t]*Atoms[ \t]*#[ \t]*(\w+)", re.MULTILINE)
 HEAD = 2**20  # bytes of a data file in which its styles are searched
 SLACK = 1e-9
+NEAR_MASS = 0.1  # MASSDELTA of LAMMPS' fix shake
 REST = {"zero": 0, "morse": 2}  # place of the length or angle of rest among coefficients; 1 in other styles
 
 
@@ -100,15 +103,20 @@ def _system(found: Read, script: Script, name: str) -> System:
     charges = charges if charges is not None and charges.any() else None
     asked = asked_of(found)
     number = {int(each): k for k, each in enumerate(arrays["id"])}
-    molecules = molecules_of(found, number, asked.rigid)
+    masses = arrays["rmass"] if "rmass" in arrays else arrays["mass"][kinds]
+    bonds = [(which, number[i], number[j]) for which, i, j in arrays.get("bonds", np.zeros((0, 3), int)).tolist()]
+    _take_masses(asked, bonds, masses)
+    molecules, ends = molecules_of(found, number, asked.rigid)
     species = [types.species[each] for each in kinds.tolist()]
     lists, bonded = molecules.lists(species)
-    pairs = pairs_of(found, types, kinds, Charges(charges, box.volume), list(molecules.bonds.items))
-    topology = Topology(**lists, factors=pairs.factors) if lists else None
-    masses = arrays["rmass"] if "rmass" in arrays else arrays["mass"][kinds]
+    pairs = pairs_of(found, types, kinds, Charges(charges, box.volume), sorted({_pair(i, j) for _, i, j in bonds}))
+    relatives: dict[str, Any] = {"factors": pairs.factors}
+    if len(molecules.bonds.items) > len({_pair(i, j) for _, i, j in bonds}):  # springs across angles bind no relatives
+        relatives = _exclusions(pairs.factors, bonds)
+    topology = Topology(**lists, **relatives) if lists else None
     _say(asked)
     return System(
-        x, arrays["v"], masses, box if box.periodic else None, [*pairs.forces, *bonded], units, species, name,
+        x, arrays["v"], masses, box if box.periodic else None, [*pairs.forces, *ends, *bonded], units, species, name,
         RunDefaults(**asked.run, steps=script.steps),
         dimensions=int(found.told["dimensions"]), topology=topology, charges=charges,
         constraints=_constraints(found, number, asked),
@@ -178,6 +186,34 @@ def _placed(found: Read) -> tuple[Box, NDArray[np.float64]]:
         assert np.allclose(turn, np.eye(3), atol=SLACK)  # LAMMPS' edges are in this form
         return box, unwrapped
     return Box(matrix=matrix, periodic=periodic), unwrapped
+
+
+def _take_masses(asked: Asked, bonds: list[tuple[int, int, int]], masses: NDArray[np.float64]) -> None:
+    """Add the types of bonds to a particle of a mass that a fix names to those that are rigid."""
+    for mass in asked.masses:
+        near = np.abs(masses - mass) <= NEAR_MASS
+        light = {which for which, i, j in bonds if near[i] or near[j]}
+        for which, i, j in bonds:
+            if which in light and not (near[i] or near[j]):
+                raise InputError(
+                    f"fix shake: m {mass:g}: bonds of type {which} join particles with and without this mass, and "
+                    "kickdrift takes rigid bonds by types"
+                )
+        asked.rigid["bonds"].update(light)
+
+
+def _exclusions(factors: Any, bonds: list[tuple[int, int, int]]) -> dict[str, Any]:
+    """The relatives by bonds as pairs that the topology leaves out."""
+    out: list[list[int]] = []
+    every = Relatives.of(np.array([(i, j) for _, i, j in bonds]))
+    for factor, relatives in zip(factors or (1.0, 1.0, 1.0), every, strict=True):
+        if factor not in (0.0, 1.0):
+            raise InputError(
+                f"special_bonds: the factor {factor:g} beside angle_style charmm with Urey-Bradley terms has no "
+                "counterpart in kickdrift, which then leaves pairs out or takes them whole"
+            )
+        out += [] if factor else relatives.tolist()
+    return {"exclusions": out}
 
 
 def _constraints(found: Read, number: dict[int, int], asked: Asked) -> list[Constraint] | None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
+import numpy as np
+
 from kickdrift.bridges.lammps.reading import Read, Row
 from kickdrift.bridges.openmm.terms import Molecules
 from kickdrift.errors import InputError
@@ -14,6 +16,7 @@ from kickdrift.forces import (
     HarmonicAngle,
     HarmonicBond,
     HarmonicImproper,
+    ListedPairs,
     MorseBond,
     OplsDihedral,
     PeriodicDihedral,
@@ -36,17 +39,15 @@ def _fene(values: list[float]) -> list[Term]:
 
 
 def _charmm_angle(values: list[float]) -> list[Term]:
-    stiffness, rest, across, _ = values
-    if across:
-        raise _Lacking("its Urey-Bradley term, a spring across the angle")
-    return [(HarmonicAngle, (2.0 * stiffness, rest))]
+    stiffness, rest, across, length = values
+    urey_bradley = [(HarmonicBond, (2.0 * across, length))] if across else []
+    return [(HarmonicAngle, (2.0 * stiffness, rest)), *urey_bradley]
 
 
 def _charmm_dihedral(values: list[float]) -> list[Term]:
     barrier, multiplicity, phase, weight = values
-    if weight:
-        raise _Lacking("its weight of pairs three bonds apart")
-    return [(PeriodicDihedral, (barrier, multiplicity, phase))]
+    pairs = [(ListedPairs, (weight,))] if weight else []  # between the ends, by CHARMM's 1-4 parameters
+    return [(PeriodicDihedral, (barrier, multiplicity, phase)), *pairs]
 
 
 def _harmonic_dihedral(values: list[float]) -> list[Term]:
@@ -88,20 +89,49 @@ STYLES: dict[str, dict[str, Callable[[list[float]], list[Term]]]] = {
 }
 
 
-def molecules_of(read: Read, number: dict[int, int], rigid: Mapping[str, Collection[int]]) -> Molecules:
-    """All terms between listed particles. ``number`` gives the row of an id. Types of bonds and angles that are
-    ``rigid`` have no force, as in LAMMPS."""
+def molecules_of(
+    read: Read, number: dict[int, int], rigid: Mapping[str, Collection[int]]
+) -> tuple[Molecules, list[ListedPairs]]:
+    """All terms between listed particles, and the force between the ends of dihedrals. ``number`` gives the row of an
+    id. Types of bonds and angles that are ``rigid`` have no force, as in LAMMPS."""
     lists = {kind: read.arrays[kind] for kind in KINDS if len(read.arrays.get(kind, ()))}
     bonds = [(number[i], number[j]) for _, i, j in lists.get("bonds", ())]
-    found = Molecules(bonds)
+    found, ends = Molecules(bonds), dict[tuple[int, int], float]()
     for kind, items in lists.items():
         terms = _terms(read, kind, set(items[:, 0].tolist()), rigid.get(kind, ()))
         into = getattr(found, kind)
         for which, *ids in items.tolist():
             item = tuple(number[each] for each in ids)
             for cls, values in terms[which]:
-                into.add(item, cls, *values)
-    return found
+                if cls is ListedPairs:
+                    pair = min(item[0], item[-1]), max(item[0], item[-1])
+                    ends[pair] = ends.get(pair, 0.0) + values[0]
+                elif kind == "angles" and cls is HarmonicBond:
+                    found.bonds.add((item[0], item[-1]), cls, *values)
+                else:
+                    into.add(item, cls, *values)
+    return found, _pairs_of_ends(read, ends)
+
+
+def _pairs_of_ends(read: Read, weights: Mapping[tuple[int, int], float]) -> list[ListedPairs]:
+    """The force between the ends of CHARMM's dihedrals, with these weights; none without a weight."""
+    acting = {pair: weight for pair, weight in weights.items() if weight}
+    if not acting:
+        return []
+    if not all(f"pair_{key}" in read.arrays for key in ("lj14_3", "lj14_4")):
+        raise InputError(
+            "dihedral_style charmm: its weights of pairs three bonds apart need a pair_style with parameters for them, "
+            "such as lj/charmm/coul/long"
+        )
+    i, j = np.array([*acting]).T
+    kinds, weight = read.arrays["type"].astype(np.int64), np.array([*acting.values()])
+    twelve, six = (read.arrays[f"pair_{key}"][kinds[i], kinds[j]] for key in ("lj14_3", "lj14_4"))
+    well = (six > 0) & (twelve > 0)
+    safe, over = np.where(well, six, 1.0), np.where(well, twelve, 1.0)
+    epsilon, sigma = np.where(well, safe**2 / (4.0 * over), 0.0), (over / safe) ** (1.0 / 6.0)
+    charges = read.arrays.get("q", np.zeros(len(kinds)))
+    products = weight * charges[i] * charges[j]
+    return [ListedPairs([*acting], (weight * epsilon).tolist(), sigma.tolist(), products.tolist())]
 
 
 def _terms(read: Read, kind: str, used: Collection[int], rigid: Collection[int]) -> dict[int, list[Term]]:

@@ -1,22 +1,38 @@
-"""OpenMM's custom forces whose formulas are those of kickdrift's laws.
+"""OpenMM's custom forces as kickdrift's laws.
 
 OpenMM itself evaluates a formula, for each set of parameters, at several distances or angles. A law whose parameters
 follow from some of these energies must give the others. So the notation of a formula does not matter, and tables of
-parameters may stand in it.
+parameters may stand in it. A formula with other energies becomes a law by its text, compiled, if its functions are
+known; its energies, too, must be those of OpenMM.
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 import numpy as np
 import openmm
 
 from kickdrift.errors import InputError
-from kickdrift.forces import CosineAngle, HarmonicAngle, HarmonicBond, HarmonicImproper, PeriodicDihedral
+from kickdrift.forces import (
+    CosineAngle,
+    FormulaAngle,
+    FormulaBond,
+    FormulaDihedral,
+    FormulaImproper,
+    FormulaPair,
+    HarmonicAngle,
+    HarmonicBond,
+    HarmonicImproper,
+    PeriodicDihedral,
+)
+from kickdrift.forces.bonded.law import value_of
+from kickdrift.forces.formulas.expression import Law, law_of
+from kickdrift.forces.pairs.formula import both
 from kickdrift.model.state import Floats
 from kickdrift.text import shown
 
@@ -27,6 +43,7 @@ TURNS = np.linspace(-math.pi, math.pi, 23, endpoint=False) + 0.05
 MOST = 6  # multiplicity of a dihedral's series
 SAME = 1e-9  # of the largest term
 REFERENCE = "Reference"
+PROBED = 50  # pairs of species whose energies by a formula are compared
 
 Terms = list[tuple[Any, tuple[float, ...]]]
 
@@ -41,8 +58,7 @@ class Well(NamedTuple):
 
 def refuse(force: Any, reason: str) -> InputError:
     """The error for a custom force, with its formula."""
-    formula = " ".join(force.getEnergyFunction().split())
-    return InputError(f"system: {type(force).__name__} {shown(formula)}: {reason}")
+    return InputError(f"system: {type(force).__name__} {shown(text_of(force))}: {reason}")
 
 
 class Probe:
@@ -190,6 +206,40 @@ def _harmonic(energies: Floats) -> Terms | None:
 KINDS: dict[str, tuple[Floats, Callable[[Floats], Terms | None]]] = {
     "Bond": (DISTANCES, bond_terms), "Angle": (ANGLES, angle_terms), "Torsion": (TURNS, torsion_terms),
 }  # fmt: skip
+BY_FORMULA: dict[str, Any] = {"Bond": FormulaBond, "Angle": FormulaAngle, "Torsion": FormulaDihedral}
+
+
+class OfFormula(NamedTuple):
+    """A class of forces with its formula, in the place of a class whose law is known.
+
+    ``names`` are those of the parameters, and their values a term's parameters."""
+
+    cls: Any
+    formula: str
+    names: tuple[str, ...]
+
+    def table(self, parameters: tuple[float, ...]) -> dict[str, Any]:
+        """Parameters of a type."""
+        return {"parameters": dict(zip(self.names, parameters, strict=True))}
+
+    def __call__(self, types: Any, **_: Any) -> Any:
+        """The force on these types."""
+        return self.cls(self.formula, types=types)
+
+    def on_impropers(self) -> OfFormula:
+        """The same for impropers."""
+        return self._replace(cls=FormulaImproper)
+
+
+def text_of(force: Any) -> str:
+    """The formula in one line."""
+    return " ".join(force.getEnergyFunction().split())
+
+
+def _globals(force: Any) -> dict[str, float]:
+    """Values of the global parameters."""
+    each = range(force.getNumGlobalParameters())
+    return {force.getGlobalParameterName(k): force.getGlobalParameterDefaultValue(k) for k in each}
 
 
 def listed(force: Any, kind: str) -> Iterator[tuple[tuple[int, ...], Any]]:
@@ -203,19 +253,40 @@ def listed(force: Any, kind: str) -> Iterator[tuple[tuple[int, ...], Any]]:
             found: Any = terms_of(energies) if energies.any() else []
             found = well(energies) if found is None and kind == "Bond" else found
             far = kind == "Bond" and not energies.any() and bool(probe.energies(FAR, values).any())
-            if found is None or far:
-                laws = {"Bond": "harmonic-bond or listed-pairs", "Angle": "harmonic-angle or cosine-angle",
-                        "Torsion": "a series of periodic-dihedral or harmonic-improper"}[kind]  # fmt: skip
-                where = ", ".join(map(str, item))
-                raise refuse(force, f"its energy for the particles {where} is not that of {laws}")
-            known[key] = found
+            known[key] = [_by_formula(force, kind, at, energies, values)] if found is None or far else found
         yield tuple(item), known[key]
 
 
-def wells(force: Any, kinds: Sequence[Sequence[float]]) -> list[list[Well]]:
-    """The pair law between particles with each two of these parameters of a CustomNonbondedForce."""
-    if force.getNumInteractionGroups():
-        raise refuse(force, "kickdrift has no interaction groups")
+def _law(force: Any, variable: str, given: Mapping[str, float], at: Floats, energies: Floats) -> Law:
+    """The law of a custom force's formula. Refuses one that kickdrift cannot read, or whose energies differ."""
+    try:
+        law = law_of(text_of(force), variable)
+        numbers = law.of("", given, 1.0, 1.0)
+    except InputError as error:
+        raise refuse(force, str(error).removeprefix(": ").removeprefix("formula: ")) from None
+    ours = np.array([value_of(numbers, place * place if variable == "r2" else place)[0] for place in at.tolist()])
+    differ = np.abs(ours - energies) > SAME * np.maximum(np.abs(energies), 1e-12 * np.nanmax(np.abs(energies)))
+    if differ.any() or (np.isfinite(ours) != np.isfinite(energies)).any():
+        raise refuse(force, "its energies by kickdrift are not those of OpenMM")
+    return law
+
+
+def _by_formula(force: Any, kind: str, at: Floats, energies: Floats, values: Sequence[float]) -> tuple[Any, Any]:
+    """The term of an item whose law is the formula itself."""
+    names = [getattr(force, f"getPer{kind}ParameterName")(k) for k in range(len(values))]
+    given = _globals(force) | dict(zip(names, values, strict=True))
+    cls = BY_FORMULA[kind]
+    law = _law(force, cls.variable, given, at, energies)
+    used = law.formula.parameters
+    if kind == "Torsion":
+        first, last = (value_of(law.of("", given, 1.0, 1.0), end)[0] for end in (-math.pi, math.pi))
+        cls = cls if abs(first - last) <= SAME * np.abs(energies).max() else FormulaImproper
+    return OfFormula(cls, text_of(force), used), tuple(given[name] for name in used)
+
+
+def wells(force: Any, kinds: Sequence[Sequence[float]]) -> list[list[Well]] | None:
+    """The Lennard-Jones wells between particles with each two of these parameters of a CustomNonbondedForce; None if
+    its law is another."""
     probe = Probe(force, "Particle")
     found = []
     for k, first in enumerate(kinds):
@@ -223,7 +294,26 @@ def wells(force: Any, kinds: Sequence[Sequence[float]]) -> list[list[Well]]:
         for other in kinds[: k + 1]:
             pair = well(probe.energies(DISTANCES, first, other))
             if pair is None or pair.strength:
-                raise refuse(force, "its energy is not that of lennard-jones; other pair laws are not taken")
+                return None
             row.append(pair)
         found.append(row)
     return found
+
+
+def pairs_by_formula(force: Any, kinds: Mapping[str, Sequence[float]], **end: Any) -> FormulaPair:
+    """The pair force of a CustomNonbondedForce, whose species have these parameters. ``end`` says where pairs end."""
+    names = [force.getPerParticleParameterName(k) for k in range(force.getNumPerParticleParameters())]
+    species = {name: dict(zip(names, values, strict=True)) for name, values in kinds.items()}
+    probe, shared = Probe(force, "Particle"), _globals(force)
+    law = None
+    for name, other in list(combinations_with_replacement(species, 2))[:PROBED]:
+        given = shared | both(species[name], species[other])
+        law = _law(force, "r2", given, DISTANCES, probe.energies(DISTANCES, kinds[name], kinds[other]))
+    assert law is not None
+    needed = law.formula.parameters
+    own = {key for key in names if f"{key}1" in needed or f"{key}2" in needed}
+    tables = {
+        name: {"parameters": {key: values[key] for key in names if key in own}} for name, values in species.items()
+    }
+    parameters = {key: value for key, value in shared.items() if key in needed}
+    return FormulaPair(text_of(force), parameters or None, species=tables if own else None, **end)

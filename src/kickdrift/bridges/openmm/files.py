@@ -150,6 +150,8 @@ def _charmm(path: Path, asked: Asked) -> Parts:
 
 
 def _structure(path: Path, asked: Asked) -> Parts:
+    if not asked.force_field:
+        raise InputError("needs the files of a force field: force_field (--force-field), in a system file files")
     force_field = app.ForceField(*_checked([os.fspath(file) for file in asked.force_field]))
     found = FRAMES[path.suffix.lower()](str(path))
     periodic = found.topology.getPeriodicBoxVectors() is not None

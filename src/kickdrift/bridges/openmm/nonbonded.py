@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.bridges.openmm.custom import Well, refuse, wells
+from kickdrift.bridges.openmm.custom import Well, pairs_by_formula, refuse, wells
 from kickdrift.bridges.openmm.terms import number
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES, Coulomb, ListedPairs
@@ -33,43 +33,40 @@ class Nonbonded(NamedTuple):
     exclusions: NDArray[np.int64]
 
 
-def nonbonded(force: Any, symbols: Sequence[str], positions: Floats, custom: Any = None) -> Nonbonded:
-    """Return the terms of a NonbondedForce. Particles with one symbol, sigma and epsilon are one species.
+def nonbonded(force: Any, symbols: Sequence[str], positions: Floats, customs: Sequence[Any] = ()) -> Nonbonded:
+    """Return the terms of a NonbondedForce, which may be None, and of the CustomNonbondedForces beside it.
 
-    A CustomNonbondedForce may have the Lennard-Jones of all pairs in its place, as CHARMM's force fields have it in
-    OpenMM. Then particles with one symbol and the same parameters are one species."""
-    method = METHODS[force.getNonbondedMethod()]
-    if method == "LJPME":
-        raise InputError(
-            "system: NonbondedForce: LJPME, a mesh for r^-6 too, has no counterpart in kickdrift; take PME with the "
-            "dispersion correction (nonbondedMethod=PME)"
-        )
-    if force.getNumParticleParameterOffsets() or force.getNumExceptionParameterOffsets():
-        raise InputError("system: NonbondedForce: its parameter offsets have no counterpart in kickdrift")
-    rows = np.array(
-        [[number(each) for each in force.getParticleParameters(i)] for i in range(force.getNumParticles())], dtype=float
-    ).reshape(-1, 3)
-    charges, sigma, epsilon = rows.T
+    Particles with one symbol, sigma, epsilon and parameters of the custom forces are one species. A custom force may
+    have the Lennard-Jones of all pairs, as CHARMM's force fields have it in OpenMM. Another is a `FormulaPair`."""
+    out, first = _left_out(force or customs[0]), "NonbondedForce" if force else "the first"
+    for custom in customs:
+        if custom.getNumInteractionGroups():
+            raise refuse(custom, "kickdrift has no interaction groups")
+        for pair in sorted(out ^ _left_out(custom)):
+            one, other = (first, "it") if pair in out else ("it", first)
+            raise refuse(custom, f"{one} leaves out the pair {list(pair)}, and {other} does not")
+    charges = sigma = epsilon = np.zeros(len(symbols))
+    if force:
+        charges, sigma, epsilon = _particles(force).T
+    own = _wells(epsilon, sigma) if epsilon.any() or not customs else [()] * len(symbols)
+    given = [[tuple(custom.getParticleParameters(i)) for i in range(len(symbols))] for custom in customs]
+    kinds = list(zip(symbols, own, *given, strict=True))
+    named = _names(kinds)
     forces: list[Any] = []
-    open_space = method == "NoCutoff"
-    cutoff = max(FAR, 10.0 * float(np.ptp(positions))) if open_space else number(force.getCutoffDistance())
-    tables: dict[str, Any] = {}
-    if custom is None:
-        species, tables["species"] = _species(symbols, sigma, epsilon)
-    else:
-        if epsilon.any():
-            raise refuse(custom, "NonbondedForce has wells too; kickdrift takes one Lennard-Jones force")
-        _same_pairs(force, custom)
-        species, tables = _species_of_pairs(symbols, custom)
-    shape = force if custom is None else custom
-    if epsilon.any() or custom is not None:
-        cut: dict[str, Any] = {"truncation": "cut"}
-        if not open_space and shape.getUseSwitchingFunction():
-            cut = {"truncation": "potential-switch", "switch_start": number(shape.getSwitchingDistance())}
-        corrected = force.getUseDispersionCorrection() if custom is None else custom.getUseLongRangeCorrection()
-        forces.append(FORCES["lennard-jones"](cutoff=cutoff, tail=method in METHODS[2:] and corrected, **tables, **cut))
+    if epsilon.any():
+        table = {name: {"epsilon": kind[1][1], "sigma": kind[1][0]} for kind, name in named.items()}
+        forces.append(FORCES["lennard-jones"](species=table, **_end(force, positions)))
+    for k, custom in enumerate(customs, 2):
+        parameters = {name: kind[k] for kind, name in named.items()}
+        found = None if any(each.name == "lennard-jones" for each in forces) else wells(custom, [*parameters.values()])
+        if found is None:
+            forces.append(pairs_by_formula(custom, parameters, **_end(custom, positions)))
+        else:
+            forces.append(FORCES["lennard-jones"](**_tables(list(named.values()), found), **_end(custom, positions)))
     if charges.any():
-        forces.append(_coulomb(force, method, cutoff))
+        forces.append(_coulomb(force))
+    if not force:
+        return Nonbonded(forces, [named[kind] for kind in kinds], None, np.array(sorted(out), np.int64).reshape(-1, 2))
     exceptions = [force.getExceptionParameters(k) for k in range(force.getNumExceptions())]
     pairs = np.array([each[:2] for each in exceptions], np.int64).reshape(-1, 2)
     terms = np.array([[number(value) for value in each[2:]] for each in exceptions], dtype=float).reshape(-1, 3)
@@ -78,12 +75,49 @@ def nonbonded(force: Any, symbols: Sequence[str], positions: Floats, custom: Any
         products, sigmas, epsilons = terms[acting].T
         sigmas = np.where(epsilons == 0, LEAST_SIGMA, sigmas)
         forces.append(ListedPairs(pairs[acting].tolist(), epsilons.tolist(), sigmas.tolist(), products.tolist()))
-    return Nonbonded(forces, species, charges if charges.any() else None, pairs)
+    return Nonbonded(forces, [named[kind] for kind in kinds], charges if charges.any() else None, pairs)
 
 
-def _coulomb(force: Any, method: str, cutoff: float) -> Coulomb:
+def _particles(force: Any) -> Floats:
+    """Charge, sigma and epsilon of each particle (n, 3) of a NonbondedForce that kickdrift takes."""
+    if METHODS[force.getNonbondedMethod()] == "LJPME":
+        raise InputError(
+            "system: NonbondedForce: LJPME, a mesh for r^-6 too, has no counterpart in kickdrift; take PME with the "
+            "dispersion correction (nonbondedMethod=PME)"
+        )
+    if force.getNumParticleParameterOffsets() or force.getNumExceptionParameterOffsets():
+        raise InputError("system: NonbondedForce: its parameter offsets have no counterpart in kickdrift")
+    every = range(force.getNumParticles())
+    return np.array([[number(each) for each in force.getParticleParameters(i)] for i in every], float).reshape(-1, 3)
+
+
+def _end(force: Any, positions: Floats) -> dict[str, Any]:
+    """Cutoff, truncation and tail of a NonbondedForce or a CustomNonbondedForce."""
+    method = METHODS[force.getNonbondedMethod()]
+    if method == "NoCutoff":
+        return {"cutoff": max(FAR, 10.0 * float(np.ptp(positions))), "truncation": "cut"}
+    custom = hasattr(force, "getUseLongRangeCorrection")
+    corrected = force.getUseLongRangeCorrection() if custom else force.getUseDispersionCorrection()
+    end = {"cutoff": number(force.getCutoffDistance()), "tail": bool(method in METHODS[2:] and corrected)}
+    if not force.getUseSwitchingFunction():
+        return {**end, "truncation": "cut"}
+    return {**end, "truncation": "potential-switch", "switch_start": number(force.getSwitchingDistance())}
+
+
+def _left_out(force: Any) -> set[tuple[int, int]]:
+    """Pairs that a NonbondedForce or a CustomNonbondedForce leaves out."""
+    if hasattr(force, "getNumExceptions"):
+        pairs = (force.getExceptionParameters(k)[:2] for k in range(force.getNumExceptions()))
+    else:
+        pairs = (force.getExclusionParticles(k) for k in range(force.getNumExclusions()))
+    return {(min(i, j), max(i, j)) for i, j in pairs}
+
+
+def _coulomb(force: Any) -> Coulomb:
+    method = METHODS[force.getNonbondedMethod()]
     if method == "NoCutoff":
         return Coulomb("direct")
+    cutoff = number(force.getCutoffDistance())
     if method.startswith("Cutoff"):
         return Coulomb("reaction-field", cutoff=cutoff, surroundings=force.getReactionFieldDielectric())
     alpha, *mesh = map(number, force.getPMEParameters())
@@ -92,32 +126,15 @@ def _coulomb(force: Any, method: str, cutoff: float) -> Coulomb:
     return Coulomb(method.lower(), accuracy=force.getEwaldErrorTolerance(), cutoff=cutoff)
 
 
-def _same_pairs(force: Any, custom: Any) -> None:
-    """Refuse a CustomNonbondedForce that leaves out other pairs than the NonbondedForce, or has another cutoff."""
-    out = {tuple(sorted(force.getExceptionParameters(k)[:2])) for k in range(force.getNumExceptions())}
-    own = {tuple(sorted(custom.getExclusionParticles(k))) for k in range(custom.getNumExclusions())}
-    for i, j in sorted(out ^ own):
-        first, other = ("NonbondedForce", "it") if (i, j) in out else ("it", "NonbondedForce")
-        raise refuse(custom, f"{first} leaves out the pair {[i, j]}, and {other} does not")
-    method = METHODS[force.getNonbondedMethod()]
-    alike = METHODS[custom.getNonbondedMethod()] == (method if method in METHODS[:3] else "CutoffPeriodic")
-    if not alike or (method != "NoCutoff" and number(custom.getCutoffDistance()) != number(force.getCutoffDistance())):
-        raise refuse(custom, "its method or cutoff differs from that of NonbondedForce")
-
-
-def _species_of_pairs(symbols: Sequence[str], custom: Any) -> tuple[list[str], dict[str, Any]]:
-    """The species of each particle of a CustomNonbondedForce, and the tables of all species and pairs."""
-    kinds = [(symbol, *custom.getParticleParameters(i)) for i, symbol in enumerate(symbols)]
-    named = _names(kinds)
-    pairs = wells(custom, [kind[1:] for kind in named])
+def _tables(names: list[str], pairs: list[list[Well]]) -> dict[str, Any]:
+    """The tables of Lennard-Jones of all species and pairs."""
 
     def parameters(pair: Well) -> dict[str, float]:
         return {"epsilon": pair.epsilon, "sigma": pair.sigma}
 
-    names = list(named.values())
     species = {name: parameters(pairs[k][k]) for k, name in enumerate(names)}
     mixed = {(name, names[j]): parameters(pairs[k][j]) for k, name in enumerate(names) for j in range(k)}
-    return [named[kind] for kind in kinds], {"species": species, **({"pairs": mixed} if mixed else {})}
+    return {"species": species, **({"pairs": mixed} if mixed else {})}
 
 
 def _names(kinds: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
@@ -130,12 +147,8 @@ def _names(kinds: Sequence[tuple[Any, ...]]) -> dict[tuple[Any, ...], str]:
     return named
 
 
-def _species(symbols: Sequence[str], sigma: Floats, epsilon: Floats) -> tuple[list[str], dict[str, dict[str, float]]]:
-    """The species of each particle, and the parameters of each: "O" if all O are alike, else "O1", "O2" and so on. The
-    sigma of a particle without a well does not count."""
+def _wells(epsilon: Floats, sigma: Floats) -> list[tuple[float, float]]:
+    """Sigma and epsilon of each particle. The sigma of a particle without a well does not count."""
     without = epsilon == 0
     sigma = np.where(without, sigma[~without].min(initial=1.0), sigma)
-    kinds = list(zip(symbols, sigma.tolist(), epsilon.tolist(), strict=True))
-    named = _names(kinds)
-    table = {name: {"epsilon": kind[2], "sigma": kind[1]} for kind, name in named.items()}
-    return [named[kind] for kind in kinds], table
+    return list(zip(sigma.tolist(), epsilon.tolist(), strict=True))

@@ -57,12 +57,10 @@ def system_of(
             pair_forces[kind].append(force)
         elif kind == BAROSTAT:
             barostat = force
-    for kind, several in pair_forces.items():
-        if len(several) > 1:
-            raise InputError(f"system: has {len(several)} forces {kind}; kickdrift takes one")
-    if pair_forces[OWN_PAIRS] and not pair_forces[PAIRS]:
-        raise InputError(f"system: {OWN_PAIRS} has no {PAIRS} beside it; kickdrift takes the pairs left out from there")
-    found = nonbonded(pair_forces[PAIRS][0], symbols, x, *pair_forces[OWN_PAIRS]) if pair_forces[PAIRS] else None
+    if len(pair_forces[PAIRS]) > 1:
+        raise InputError(f"system: has {len(pair_forces[PAIRS])} forces {PAIRS}; kickdrift takes one")
+    plain = next(iter(pair_forces[PAIRS]), None)
+    found = nonbonded(plain, symbols, x, pair_forces[OWN_PAIRS]) if any(pair_forces.values()) else None
     species = found.species if found else list(symbols)
     lists, forces = molecules.lists(species)
     box, turn = Box(None), np.eye(3)

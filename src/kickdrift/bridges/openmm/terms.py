@@ -13,8 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
-from kickdrift.bridges.openmm.custom import Well, listed
-from kickdrift.errors import InputError
+from kickdrift.bridges.openmm.custom import OfFormula, Well, listed
 from kickdrift.forces import (
     Cmap,
     HarmonicAngle,
@@ -26,7 +25,6 @@ from kickdrift.forces import (
     RyckaertBellemans,
 )
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
-from kickdrift.text import shown
 
 Item = tuple[int, ...]
 Term = tuple[Any, tuple[float, ...]]
@@ -87,7 +85,10 @@ def _forces(named: dict[tuple[Term, ...], str]) -> Iterator[Any]:
         place: Counter[Any] = Counter()
         for cls, parameters in terms:
             table = tables.setdefault((cls, place[cls]), {})
-            table[name] = dict(zip(cls.Parameters._fields, parameters, strict=True))
+            of_formula = isinstance(cls, OfFormula)
+            table[name] = (
+                cls.table(parameters) if of_formula else dict(zip(cls.Parameters._fields, parameters, strict=True))
+            )
             place[cls] += 1
     for (cls, _), table in tables.items():
         yield cls(**next(iter(table.values())), types=table)
@@ -178,37 +179,36 @@ class Molecules:
                 self.angles.add(item, cls, *parameters)
 
     def custom_torsions(self, force: Any) -> None:
-        """Take the terms of a CustomTorsionForce: harmonic impropers, or a series of periods."""
-        formula = force.getEnergyFunction().replace(" ", "")
-        if any(pattern.fullmatch(formula) for pattern, _ in HARMONIC):
-            self.harmonic_impropers(force)
-            return
-        for item, terms in listed(force, "Torsion"):
+        """Take the terms of a CustomTorsionForce: harmonic impropers, a series of periods, or the formula itself."""
+        for item, terms in _harmonic_impropers(force) or listed(force, "Torsion"):
             for cls, parameters in terms:
-                if cls is PeriodicDihedral and self._is_chain(item):
+                on = cls.on_impropers() if isinstance(cls, OfFormula) else IMPROPER.get(cls, cls)
+                if on != cls and self._is_chain(item):
                     self.dihedrals.add(item, cls, *parameters)
                 else:
-                    self.impropers.add(item, PeriodicImproper if cls is PeriodicDihedral else cls, *parameters)
+                    self.impropers.add(item, on, *parameters)
 
-    def harmonic_impropers(self, force: Any) -> None:
-        """Take the terms of a CustomTorsionForce, if it is that of harmonic impropers."""
-        formula = force.getEnergyFunction().replace(" ", "")
-        factor = next((factor for pattern, factor in HARMONIC if pattern.fullmatch(formula)), None)
-        keys = [force.getPerTorsionParameterName(k) for k in range(force.getNumPerTorsionParameters())]
-        if factor is None or sorted(keys) != ["k", "theta0"]:
-            raise InputError(f"system: CustomTorsionForce: kickdrift has no counterpart of {shown(formula)}")
-        for t in range(force.getNumTorsions()):
-            *item, values = force.getTorsionParameters(t)
-            given = dict(zip(keys, values, strict=True))
-            rest = abs(given["theta0"])
-            if min(rest, abs(rest - math.pi)) > SAME:
-                raise InputError(
-                    f"system: CustomTorsionForce: the torsion of particles {', '.join(map(str, item))} rests at "
-                    f"{math.degrees(given['theta0']):g} degrees; harmonic-improper takes 0 and 180, since the sign of "
-                    "its angle does not count"
-                )
-            if given["k"]:
-                self.impropers.add(tuple(item), HarmonicImproper, factor * given["k"], 180.0 if rest > 1.0 else 0.0)
+
+IMPROPER: dict[Any, Any] = {PeriodicDihedral: PeriodicImproper}
+
+
+def _harmonic_impropers(force: Any) -> list[tuple[Item, list[Term]]] | None:
+    """Terms of a CustomTorsionForce that is that of harmonic impropers at rest at 0 or 180 degrees; else None."""
+    formula = force.getEnergyFunction().replace(" ", "")
+    factor = next((factor for pattern, factor in HARMONIC if pattern.fullmatch(formula)), None)
+    keys = [force.getPerTorsionParameterName(k) for k in range(force.getNumPerTorsionParameters())]
+    if factor is None or sorted(keys) != ["k", "theta0"]:
+        return None
+    found: list[tuple[Item, list[Term]]] = []
+    for t in range(force.getNumTorsions()):
+        *item, values = force.getTorsionParameters(t)
+        given = dict(zip(keys, values, strict=True))
+        rest = abs(given["theta0"])
+        if min(rest, abs(rest - math.pi)) > SAME:  # whose sign counts
+            return None
+        term = HarmonicImproper, (factor * given["k"], 180.0 if rest > 1.0 else 0.0)
+        found.append((tuple(item), [term] if given["k"] else []))
+    return found
 
 
 TAKEN: dict[str, Callable[[Molecules, Any], None]] = {  # OpenMM's forces of bonded terms

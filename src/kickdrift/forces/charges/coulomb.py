@@ -190,7 +190,7 @@ class Coulomb(Grouped):
             raise InputError(f"{self.name}: {far}")
         if self.method != DIRECT:
             split = self.split(system)
-            system.box.check_cutoff(self.name, split.cutoff)
+            system.box.check_cutoff(self.name, split.cutoff, system.units)
             if split.alpha * split.cutoff > STRONGEST:
                 raise InputError(
                     f"{self.name}: alpha times cutoff is {split.alpha * split.cutoff:.3g}; a shorter cutoff than "

@@ -88,7 +88,7 @@ class ManyBodyForce(ListedForce, Grouped):
             )
         if system.topology is not None and len(system.topology.scaled.pairs):
             raise InputError(f"{self.name}: acts on all particles; a topology can leave out or scale only pair forces")
-        system.box.check_cutoff(self.name, self.cutoff)
+        system.box.check_cutoff(self.name, self.cutoff, system.units)
         refuse_massless(self.name, system)
 
     def bind(self, system: Subject, threads: int = 1, mixed: bool = False) -> Any:

@@ -281,7 +281,7 @@ class PairForce(ListedForce, Grouped):
                 f"{self.name}: no particle is of species {choices(map(repr, strange))}"
                 f"{suggestion(strange[0], system.species)} (species: {choices(system.species)})"
             )
-        system.box.check_cutoff(self.name, self.cutoff)
+        system.box.check_cutoff(self.name, self.cutoff, system.units)
         if self.tail and not math.isfinite(system.volume):
             raise InputError(f"{self.name}: tail corrections need a periodic box")
         refuse_massless(self.name, system, "a pair force")

@@ -24,6 +24,7 @@ from kickdrift.model.box.edges import (
     turned,
     written,
 )
+from kickdrift.model.units.unit_systems import UnitSystem
 from kickdrift.text import measured
 
 
@@ -193,16 +194,17 @@ class Box:
         """The name of the least of the heights, as messages have it, and its length."""
         return "smallest height of the box" if self.triclinic else "shortest box edge", float(self.heights.min())
 
-    def check_cutoff(self, what: str, cutoff: float) -> None:
+    def check_cutoff(self, what: str, cutoff: float, units: UnitSystem | None = None) -> None:
         """Refuse a cutoff beyond half the least height, because a particle would meet two images of another particle.
-        ``what`` begins the message."""
+        ``what`` begins the message, and ``units`` has the name of the unit of length."""
+        of = "" if units is None or units.reduced else f" {units.length}"
         for axis, height in zip("xyz", self.heights, strict=True):
             if height < 2 * cutoff:
-                edge = f"box edge {axis} is {height:.6g}"
-                between = f"the box is {height:.6g} high between its faces across {'abc'['xyz'.index(axis)]}"
+                edge = f"box edge {axis} is {height:.6g}{of}"
+                between = f"the box is {height:.6g}{of} high between its faces across {'abc'['xyz'.index(axis)]}"
                 raise InputError(
                     f"{what}: {between if self.triclinic else edge}, shorter than twice the cutoff, "
-                    f"2 x {cutoff:.6g} = {2 * cutoff:.6g}"
+                    f"2 x {cutoff:.6g} = {2 * cutoff:.6g}{of}"
                 )
 
     def with_edges(self, matrix: Floats) -> Box:

@@ -192,10 +192,11 @@ class Topology:
         """Pairs whose pair forces are left out or scaled, sorted, and their factors; a factor of 1 is left out."""
         pairs = [np.sort(self.exclusions, axis=1)]
         factors = [np.zeros(len(self.exclusions))]
-        for found, factor in zip(self._relatives(), self.factors or (1.0,) * 3, strict=True):
-            if factor != 1.0:
-                pairs.append(found)
-                factors.append(np.full(len(found), factor))
+        scaling = [(k, factor) for k, factor in enumerate(self.factors or ()) if factor != 1.0]
+        relatives = self._relatives() if scaling else ()
+        for k, factor in scaling:
+            pairs.append(relatives[k])
+            factors.append(np.full(len(relatives[k]), factor))
         both, values = np.concatenate(pairs), np.concatenate(factors)
         both, first = np.unique(both, axis=0, return_index=True)
         return Scaled(both, values[first])

@@ -33,6 +33,14 @@ if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
 
 
+DAMAGED = (
+    AttributeError,
+    IndexError,
+    KeyError,
+    NameError,
+    RuntimeError,
+    TypeError,
+)  # readers mean to raise none
 # Sites of one cubic cell in units of its edge, moved off the cell's faces so that rounding cannot wrap a particle.
 LATTICES: dict[str, tuple[tuple[float, float, float], ...]] = {
     "sc": ((0.5, 0.5, 0.5),),
@@ -272,6 +280,8 @@ def read_structure(
         why = shown(str(error) or type(error).__name__)
         if "atom_style cannot be guessed" in why:
             raise InputError(f"{path} does not say its atom_style, such as charge; give it beside file") from None
+        if isinstance(error, DAMAGED):
+            why = f"it may be cut off or damaged ({why})"
         raise InputError(f"ASE cannot read {path}: {why}") from None
     if len(atoms) == 0:
         raise InputError(f"{path} holds no atoms")
