@@ -25,7 +25,8 @@ def planets(forces=None, more=0):
 @pytest.mark.parametrize(
     ("phi0", "phi1", "substeps", "dt", "more"),
     [
-        ("lf", "lf", 16, 0.06, 0), ("lf4", "lf4", 2, 0.02, 2), ("lf4_2", "lf6", 2, 0.05, 4), ("lf8_6_4", "lf8", 1, 0.05, 7),
+        ("lf", "lf", 16, 0.06, 0), ("lf4", "lf4", 2, 0.02, 2), ("lf4_2", "lf6", 2, 0.05, 4),
+        ("lf8_6_4", "lf8", 1, 0.05, 7),
         ("plf7_6_4", "pmlf4", 4, 0.02, 0), ("pmlf4", "pmlf6", 3, 0.02, 0), ("pmlf6", "plf7_6_4", 2, 0.02, 0),
     ],
 )  # fmt: skip

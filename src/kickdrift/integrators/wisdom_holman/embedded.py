@@ -8,6 +8,7 @@ Source: Rein 2020, MNRAS 492, 5413, doi:10.1093/mnras/stz3601.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -38,7 +39,7 @@ class Map:
     word's kicks, and of the processor's, multiply the cube of the step: see `embedded_flows`.
     """
 
-    letters: tuple[str, ...]
+    letters: Sequence[str]
     weights: tuple[float, ...]
     corrections: tuple[float, ...] = ()  # of the kicks, if they have any
     processor: tuple[tuple[str, float, float], ...] = ()
