@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from kickdrift.analysis.observables.motion import Diffusion, mean_squared_displacement, velocity_autocorrelation
     from kickdrift.analysis.observables.pressure import pressure_tensor
     from kickdrift.analysis.observables.structure import radial_distribution, structure_factor
-    from kickdrift.analysis.orbits.observed import radial_velocities, radial_velocity, sky_offsets
+    from kickdrift.analysis.orbits.observed import radial_velocities, radial_velocity, sky_offset, sky_offsets
     from kickdrift.analysis.orbits.orbits import orbital_elements
     from kickdrift.analysis.orbits.section import Section, poincare_section
     from kickdrift.analysis.orbits.secular_report import OrbitReport, ProperOrbit, Resonance
@@ -66,6 +66,7 @@ _HOMES = {
     "radial_distribution": "kickdrift.analysis.observables.structure",
     "radial_velocities": "kickdrift.analysis.orbits.observed",
     "radial_velocity": "kickdrift.analysis.orbits.observed",
+    "sky_offset": "kickdrift.analysis.orbits.observed",
     "sky_offsets": "kickdrift.analysis.orbits.observed",
     "structure_factor": "kickdrift.analysis.observables.structure",
     "velocity_autocorrelation": "kickdrift.analysis.observables.motion",
@@ -107,6 +108,7 @@ __all__ = [
     "radial_distribution",
     "radial_velocities",
     "radial_velocity",
+    "sky_offset",
     "sky_offsets",
     "structure_factor",
     "velocity_autocorrelation",

@@ -136,6 +136,7 @@ def transits(
     within: Annotated[
         str | None, option("D", "Largest distance on the sky (default: the sum of both radii, if there are any).")
     ] = None,
+    light_time: Annotated[bool, typer.Option("--light-time", help="Times at which light arrives.")] = False,
     masses: Annotated[bool, typer.Option("--masses", help="Differentiate by the masses, too.")] = False,
     elements: Annotated[
         list[str] | None, option("BODY.KEY", "Orbital element to differentiate by, such as b.e; repeat for several.")
@@ -154,8 +155,8 @@ def transits(
     with progress_bar(quiet) as bar:
         found = kd.transits(
             subject, _body(planet), None if star is None else _body(star), until=until, direction=_numbers(direction),
-            within=_amount(within), masses=masses, elements=elements or (), integrator=integrator, threads=threads,
-            progress=bar("running"), **options,
+            within=_amount(within), light_time=light_time, masses=masses, elements=elements or (),
+            integrator=integrator, threads=threads, progress=bar("running"), **options,
         )  # fmt: skip
     show_found(found, json_file, overwrite)
 

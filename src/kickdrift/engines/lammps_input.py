@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from kickdrift.forces.external.lammps_data import flags_of
 from kickdrift.disk.kinds import LAMMPS_HEADING, LAMMPS_INPUT
 from kickdrift.disk.outputs import checked_target, private_place, settle
 from kickdrift.disk.outputs import reason as reason_of
@@ -23,6 +22,7 @@ from kickdrift.engines.special import Special, special_of
 from kickdrift.errors import InputError
 from kickdrift.forces import LammpsForce
 from kickdrift.forces.charges.accuracy import TYPICAL
+from kickdrift.forces.external.lammps_data import flags_of
 from kickdrift.forces.fields.restraint import Restraint
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.system import System

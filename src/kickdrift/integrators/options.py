@@ -340,7 +340,7 @@ ALLOW_GRAVITY = Option(
 SUBSTEPS = Option(
     "substeps", int, "Steps of each group of forces in one step of the next slower group.", 4, above=0.0, most=1000.0
 )
-_MAPS = ("lf", "lf4", "lf6", "lf8", "lf4_2", "lf8_6_4")
+_MAPS = ("lf", "lf4", "lf6", "lf8", "lf4_2", "lf8_6_4", "plf7_6_4", "pmlf4", "pmlf6")
 PHI0 = Option("phi0", str, "Map that splits the planets' kicks from the motion under the star.", "lf", _MAPS)
 PHI1 = Option("phi1", str, "Map that splits the motion under the star into drifts and kicks.", "lf", _MAPS)
 CHAIN = Option("chain", int, "Number of thermostats in the chain.", 3, above=0.0, most=20.0)

@@ -114,7 +114,6 @@ def _with_fixed_steps(method: Any) -> Tableau:
     return replace(method, errors=(), error_order=0, dense=(), extra=())
 
 
-
 SIMULATION = """\
 sim = kd.Simulation(system, "{method}", dt={dt}{options})
 print(sim.run({steps}, every={every}).energy)"""

@@ -61,6 +61,70 @@ def test_light_arrives_late_from_behind(system: kd.System) -> None:
         assert abs(velocity + kepler(system, t)[0] / MASS) > 1e-3
 
 
+def test_transits_are_those_of_keplers_solution_with_light_on_its_way(system: kd.System) -> None:
+    """The distance of both images on the sky is least, each at its own time of departure; and the derivatives are
+    differences of such times."""
+    light, inc, omega = system.units.light, np.radians(INC), np.radians(OMEGA)
+
+    def image(arrives: float, part: float) -> np.ndarray:
+        """Place of a body, a part of the distance between both, when the light leaves that arrives."""
+
+        def place(left: float) -> np.ndarray:
+            _, r, f = kepler(system, left)
+            along, across = np.cos(f + omega), np.sin(f + omega)
+            return part * r * np.array([along, across * np.cos(inc), across * np.sin(inc)])
+
+        left = brentq(lambda t: t - place(t)[2] / light - arrives, arrives - 1e-3, arrives + 1e-3, xtol=1e-16)
+        return place(left)[:2]
+
+    def rate(arrives: float, h: float = 3e-4) -> float:
+        def far(t: float) -> float:
+            return float(np.sum((image(t, 1.0 / (1.0 + MASS)) - image(t, -MASS / (1.0 + MASS))) ** 2))
+
+        near = 8.0 * (far(arrives + h) - far(arrives - h))
+        return (near - far(arrives + 2 * h) + far(arrives - 2 * h)) / (12.0 * h)
+
+    found = kd.transits(system, "b", until=3.0, light_time=True, bodies="b", masses=True)
+    plain = kd.transits(system, "b", until=3.0)
+    assert len(found) == len(plain) == 2
+    for k in range(2):
+        assert found.times[k] == pytest.approx(brentq(rate, found.times[k] - 1e-3, found.times[k] + 1e-3), abs=2e-10)
+        assert 1e-6 < plain.times[k] - found.times[k] < A * 1.3 / light
+    state = system.state
+
+    def times(change: int, by: float) -> np.ndarray:
+        phase, masses = state.phase.copy(), state.masses.copy()
+        if change < 6:
+            phase[change // 3, change % 3, 1] += by
+        else:
+            masses[change - 6] += by
+        moved = kd.System(phase[0].T, phase[1].T, masses, forces=system.forces, units=system.units)
+        return kd.transits(moved, 1, until=3.0, light_time=True, bodies=1).times
+
+    slopes = np.hstack([found.jacobian, found.by_masses])
+    late = slopes - np.hstack([plain.jacobian[:, 3:6], plain.jacobian[:, 9:], np.full((2, 2), np.nan)])
+    for column in range(8):
+        h = 2e-5
+        differ = (8.0 * (times(column, h) - times(column, -h)) - times(column, 2 * h) + times(column, -2 * h)) / (
+            12 * h
+        )
+        assert slopes[:, column] == pytest.approx(differ, abs=2e-9)
+        assert column > 5 or np.abs(late[:, column]).max() > 2e-8  # more than the differences are off
+
+
+def test_eclipses_of_a_circle_are_apart_by_more_than_half_a_period() -> None:
+    """Kaplan 2010, doi:10.1088/2041-8205/717/2/L108: P/2 + P K (1 - q) / (pi c) with the lighter body's speed K."""
+    q, period = 0.3, 0.2
+    pair = kd.System.from_elements([{"mass": 1.0}, {"mass": q, "P": period, "inc": 90.0}])
+    light, a = pair.units.light, np.linalg.norm(np.diff(pair.state.positions, axis=0))
+    here = {"until": 0.5, "light_time": True, "integrator": METHOD}
+    apart = kd.transits(pair, 0, 1, **here).times[1] - kd.transits(pair, 1, 0, **here).times[0]
+    speed = 2.0 * np.pi * a / (1.0 + q) / period
+    late = period * speed * (1.0 - q) / (np.pi * light)
+    assert late > 1e-6
+    assert min(abs(apart - late - k * period) for k in (-0.5, 0.5, 1.5)) < 1e-3 * late * speed / light + 1e-13
+
+
 def test_offsets_north_and_east(system: kd.System) -> None:
     _, r, f = kepler(system, 0.4)
     angle, node, inc = f + np.radians(OMEGA), np.radians(20.0), np.radians(INC)
@@ -73,11 +137,14 @@ def test_offsets_north_and_east(system: kd.System) -> None:
 def test_frames_of_a_file_and_columns(system: kd.System, tmp_path: Path) -> None:
     path = tmp_path / "run.h5md"
     sim = kd.Simulation(system, METHOD)
-    sim.run(times=[0.2, 0.7], output=path, columns=[kd.analysis.radial_velocity("star")])
+    own = [kd.analysis.radial_velocity("star"), kd.analysis.sky_offset("star", (0, 1, 0))]
+    sim.run(times=[0.2, 0.7], output=path, columns=own)
     asked = kd.analysis.radial_velocities(system, [0.0, 0.2, 0.7], integrator=METHOD)
     assert kd.analysis.radial_velocities(path) == pytest.approx(asked, abs=1e-9)
     columns = [each.columns["radial_velocity_star"] for each in sim.record.samples]
     assert columns == pytest.approx(asked, abs=1e-9)
+    offsets = kd.analysis.sky_offsets(path, body="star", direction=(0, 1, 0))
+    assert [each.columns["sky_offset_star"] for each in sim.record.samples] == pytest.approx(offsets, abs=1e-15)
 
 
 def test_a_rotation_turns_orbits_and_poles() -> None:
@@ -128,6 +195,10 @@ def never(t, x, v):
             "distance: expected a positive",
         ),
         (lambda s: kd.analysis.radial_velocities(kd.load("pythagorean"), [0.1], light_time=True), "speed of light"),
+        (
+            lambda s: kd.transits(kd.load("pythagorean"), 1, until=1.0, light_time=True),
+            "light_time: units 'nbody' have",
+        ),
         (lambda s: s.rotated([[1, 0, 0], [0, 1, 0], [0, 0, -1]]), "is no rotation"),
         (lambda s: s.rotated("ecliptic"), "expected a rotation matrix or"),
         (lambda s: kd.load("lj-1000").rotated("invariable"), "periodic box"),

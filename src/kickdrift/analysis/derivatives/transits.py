@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from kickdrift.analysis.chaos.frames import carrier
+from kickdrift.analysis.derivatives.light import Retarded, arrival
 from kickdrift.analysis.derivatives.transition import given_run
 from kickdrift.analysis.doubts import doubts_at, warning_lines
-from kickdrift.analysis.orbits.observed import unit_vector
+from kickdrift.analysis.orbits.observed import speed_of_light, unit_vector
 from kickdrift.analysis.tangents.columns import Columns, columns_of, rows_of
 from kickdrift.analysis.tangents.map_run import MapRun
 from kickdrift.analysis.tangents.mapped import has_map, map_run
@@ -51,9 +52,10 @@ class Search:
     """Search of a run's steps for transits."""
 
     def __init__(
-        self, run: VariedRun, pair: tuple[int, int], sight: Floats, end: float, within: float, told: Any
+        self, run: VariedRun, pair: tuple[int, int], sight: Floats, end: float, within: float, light: float, told: Any
     ) -> None:
         self._run, self._pair, self._end, self._within, self._told = run, pair, end, within, told
+        self._light, self._seen = light, Retarded(run, pair, sight, light)
         self._sky, self._sight = np.eye(3) - np.outer(sight, sight), sight
         self._found: Found = []
         self._last: tuple[float, Floats] = run.time, self._stepper.y.copy()
@@ -87,11 +89,14 @@ class Search:
         looks = [(t0, y0), *((float(t), stepper.at(float(t))) for t in inside[1:-1]), (t1, y1)]
         for (begin, before), (end, after) in pairwise(looks):
             if self._rate(before) < 0.0 <= self._rate(after) and self._relative(after)[0] @ self._sight > 0.0:
-                self._add(*self._refined(begin, end))
+                t, y, slope = self._refined(begin, end)
+                far = math.isinf(self._light)
+                self._keep(*(self._found_at(t, y, slope) if far else self._seen.transit(t, y, t1 - t0)))
         self._last = t1, y1
         if self._told:
             self._told(int(1000 * min(1.0, (t1 - self._begin) / (self._end - self._begin))), 1000)
-        return bool(t1 >= self._end)
+        planet, masses = self._pair[0], self._run.system.state.masses
+        return arrival(t1, y1, masses, planet, self._sight, self._light) >= self._end
 
     def _refined(self, low: float, high: float) -> tuple[float, Floats, float]:
         """The time between two times, the state y there, and the slope of the rate."""
@@ -113,25 +118,35 @@ class Search:
         one, other = self._pair
         return float(u @ self._sky @ u + x @ self._sky @ (push[:, one] - push[:, other]))
 
-    def _add(self, t: float, y: Floats, slope: float) -> None:
+    def _found_at(self, t: float, y: Floats, slope: float) -> tuple[float, Floats, float, float]:
+        """The transit at a time, if light takes no time."""
         (x, u), (_, slopes) = self._relative(y), self._run.split(y)
         distance, speed = (float(np.linalg.norm(self._sky @ each)) for each in (x, u))
-        if t > self._end or distance > self._within:
-            return
         one, other = self._pair
         dx, du = slopes[:, :, one] - slopes[:, :, other]
-        self._found.append((t, -(u @ self._sky @ dx + x @ self._sky @ du) / slope, distance, speed))
+        return t, -(u @ self._sky @ dx + x @ self._sky @ du) / slope, distance, speed
+
+    def _keep(self, t: float, rates: Floats, distance: float, speed: float) -> None:
+        if t <= self._end and distance <= self._within:
+            self._found.append((t, rates, distance, speed))
 
 
 def found_by_map(
-    run: MapRun, columns: Columns, pair: tuple[int, int], sight: Floats, end: float, within: float, told: Any
+    run: MapRun,
+    columns: Columns,
+    pair: tuple[int, int],
+    sight: Floats,
+    end: float,
+    within: float,
+    light: float,
+    told: Any,
 ) -> Found:
     """The transits of a run by a map. From the step point before a transit, the motion and its derivatives go on by
     gauss-radau15 up to the transit: a map has no states inside its steps."""
     found: Found = []
     sky, begin = np.eye(3) - np.outer(sight, sight), run.time
     phase, slopes = run.now()
-    while run.time < end:
+    while arrival(run.time, phase, run.system.state.masses, pair[0], sight, light) < end:
         start, before, rates = run.time, phase, slopes
         run.advance(1)
         phase, slopes = run.now()
@@ -144,7 +159,8 @@ def found_by_map(
             )
         if x0 @ sky @ u0 < 0.0 <= x1 @ sky @ u1 and x1 @ sight > 0.0:
             onward = VariedRun(run.system.at(before, start), columns, DEFAULT, run.sim.threads, {}, begun=rates)
-            found += Search(onward, pair, sight, min(end, run.time + 0.5 * run.dt), within, None).found()[:1]
+            until = min(end, run.time + 0.5 * run.dt)
+            found += Search(onward, pair, sight, until, within, light, None).found()[:1]
         if told:
             told(int(1000 * min(1.0, (run.time - begin) / (end - begin))), 1000)
     return found
@@ -170,6 +186,7 @@ class Transits(Shown):
     units : the system's
     varied : names of the columns of all derivatives, in the order above: "b.x", "b.vx", "b.mass", "j2.radius", "b.e"
     warnings : what is wrong with the trajectory, or doubtful in the forces
+    light_time : whether light takes its time, so that the times are those of its arrival
     """
 
     times: Floats
@@ -186,6 +203,7 @@ class Transits(Shown):
     units: UnitSystem
     varied: tuple[str, ...] = ()
     warnings: list[str] = field(default_factory=list)
+    light_time: bool = False
 
     def __len__(self) -> int:
         return len(self.times)
@@ -200,6 +218,8 @@ class Transits(Shown):
         given = (self.jacobian, self.by_masses, self.by_parameters, self.by_elements)
         count = sum(0 if part is None else part.shape[1] for part in given)
         lines = [("transits", f"{len(self)}, with derivatives by {count} numbers of the start")]
+        if self.light_time:
+            lines.append(("times", "when light arrives"))
         if len(self) > MOST_SHOWN:
             lines.append(("", f"the first {MOST_SHOWN} are shown"))
         lines.append(("integrator", self.integrator))
@@ -222,6 +242,7 @@ def transits(
     until: float | str,
     direction: Sequence[float] = (0.0, 0.0, 1.0),
     within: float | str | None = None,
+    light_time: bool = False,
     bodies: Iterable[str | int] | str | int | None = None,
     masses: bool = False,
     parameters: Iterable[str] = (),
@@ -237,8 +258,8 @@ def transits(
 
     A transit is a time of least distance on the sky with the planet in front of the star: x . u = 0 for the relative
     position x and velocity u in the plane of the sky, and x . u grows (Winn 2010, arXiv:1001.2010, section 2.1). The
-    true motion is solved for this time by Newton's method. Light takes no time. The derivatives follow from the
-    variational equations: dt/dp = -(d(x . u)/dp) / (d(x . u)/dt).
+    true motion is solved for this time by Newton's method. The derivatives follow from the variational equations:
+    dt/dp = -(d(x . u)/dp) / (d(x . u)/dt). By default light takes no time.
 
     Parameters
     ----------
@@ -247,6 +268,8 @@ def transits(
     until : last time
     direction : from the system towards the observer; default z
     within : largest distance on the sky that counts; default the sum of both radii if the system has radii, else any
+    light_time : whether each body is seen where it was when its light left, and times are those at which this light
+        arrives, on a clock that agrees with the system's for light from the barycentre; see ``radial_velocities``
     bodies : bodies whose start varies; default all, and none where there are ``elements``
     masses : whether to differentiate by the masses of all bodies as well
     parameters, elements, primary : parameters of forces, and orbital elements at the start, to differentiate by, as in
@@ -262,7 +285,8 @@ def transits(
     Raises
     ------
     InputError
-        For arguments that make no sense, and if there is no transit.
+        For arguments that make no sense, for ``light_time`` in units without a speed of light, and if there is no
+        transit.
     RunError
         If the run blows up.
     """
@@ -272,17 +296,17 @@ def transits(
     sight, end = unit_vector("direction", direction), float(time_in(until, system.units, "until"))
     if not (math.isfinite(end) and end > system.state.time):
         raise InputError(f"until: expected a time after the start, {system.state.time:g}, got {until!r}")
-    most = _within(system, pair, within)
+    most, light = _within(system, pair, within), speed_of_light(system.units, light_time)
     columns = columns_of(system, bodies, masses, parameters, elements, primary)
     with following(progress, "running") as told:
         chosen, method = given if name == asked else {"dt": dt, **options}, method_named(name)
         if has_map(method):
             mapped = map_run(system, columns, method, threads, chosen)
-            found, differ = found_by_map(mapped, columns, pair, sight, end, most, told), mapped.by_differences
+            found, differ = found_by_map(mapped, columns, pair, sight, end, most, light, told), mapped.by_differences
             phase, reached = mapped.now()[0], mapped.time
         else:
             run = VariedRun(system, columns, name, threads, chosen)
-            found, differ = Search(run, pair, sight, end, most, told).found(), run.by_differences
+            found, differ = Search(run, pair, sight, end, most, light, told).found(), run.by_differences
             phase, reached = run.split(run.sim.integration.stepper.y)[0], run.sim.integration.stepper.time
         doubts = doubts_at(system, system.at(phase, reached).state)
     who, whom = (system.body(row) for row in pair)
@@ -297,7 +321,7 @@ def transits(
     times, rates, distances, speeds = (np.array(each) for each in zip(*found, strict=True))
     return Transits(
         times, *columns.split(rates), distances, speeds, who, whom, name, differ, system.units, columns.names(system),
-        doubts,
+        doubts, bool(light_time),
     )  # fmt: skip
 
 

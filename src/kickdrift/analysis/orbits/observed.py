@@ -100,13 +100,10 @@ def sky_offsets(
     unit of length. Light takes the way from ``body``; the body ``about`` is seen at the same time of departure. The
     other parameters and the errors are those of ``radial_velocities``.
     """
-    sight, up = unit_vector("direction", direction), unit_vector("north", north)
-    up = up - (up @ sight) * sight
-    if np.linalg.norm(up) < 1e-9:
-        raise InputError("north: points at the observer; expected another direction than direction")
-    up = up / np.linalg.norm(up)
+    sight = unit_vector("direction", direction)
+    axes = _north_and_east(sight, north)
     units, x, _ = _seen(given, times, View(body, about, sight, light_time), integrator, {"dt": dt, **options})
-    offsets = x @ np.array([up, np.cross(sight, up)]).T
+    offsets = x @ axes.T
     if distance is None:
         return offsets
     far = quantity(distance, "length", units, "distance")
@@ -124,15 +121,50 @@ def radial_velocity(body: str | int, direction: Sequence[float] = (0.0, 0.0, 1.0
     sight = unit_vector("direction", direction)
 
     def measured(sim: Simulation) -> float:
-        state, system = sim.state, sim.integration.system
-        assert isinstance(system, System)
-        if system.units.reduced:
-            raise InputError(f"radial_velocity: units {system.units.name!r} have no metre; use radial_velocities")
-        v = state.phase[1] - state.phase[1] @ state.masses[:, None] / state.masses.sum()
-        return float(-(sight @ v[:, index_of(system, body, "radial_velocity: body")]) * metres_a_second(system.units))
+        units = sim.integration.system.units  # type: ignore[union-attr]
+        if units.reduced:
+            raise InputError(f"radial_velocity: units {units.name!r} have no metre; use radial_velocities")
+        return float(-(sight @ _from_barycentre(sim, body, "radial_velocity: body")[1]) * metres_a_second(units))
 
-    name = "".join(each if each.isalnum() and each.isascii() else "_" for each in str(body))
-    return Column(f"radial_velocity_{name}"[:60], "m/s", (), measured)
+    return Column(f"radial_velocity_{_plain(body)}"[:60], "m/s", (), measured)
+
+
+def sky_offset(
+    body: str | int,
+    direction: Sequence[float] = (0.0, 0.0, 1.0),
+    north: Sequence[float] = (1.0, 0.0, 0.0),
+) -> Column:
+    """Column (2,) with the offset of a body from the barycentre on the sky at each look of a run, to the north and to
+    the east, in the system's unit of length, as in ``sky_offsets``. ``sim.run(columns=[...])`` writes
+    ``sky_offset_star``."""
+    axes = _north_and_east(unit_vector("direction", direction), north)
+
+    def measured(sim: Simulation) -> Floats:
+        return np.asarray(axes @ _from_barycentre(sim, body, "sky_offset: body")[0])
+
+    return Column(f"sky_offset_{_plain(body)}"[:60], "length", (2,), measured)
+
+
+def _from_barycentre(sim: Simulation, body: str | int, key: str) -> Floats:
+    """Position and velocity (2, 3) of a body in a run, relative to the barycentre."""
+    state, system = sim.state, sim.integration.system
+    assert isinstance(system, System)
+    return np.asarray(state.phase[:, :, index_of(system, body, key)] - state.phase @ state.masses / state.masses.sum())
+
+
+def _plain(body: str | int) -> str:
+    """A body's name as a part of a column's name."""
+    return "".join(each if each.isalnum() and each.isascii() else "_" for each in str(body))
+
+
+def _north_and_east(sight: Floats, north: Any) -> Floats:
+    """Axes (2, 3) of the sky. Raises an InputError for a ``north`` along the line of sight."""
+    up = unit_vector("north", north)
+    up = up - (up @ sight) * sight
+    if np.linalg.norm(up) < 1e-9:
+        raise InputError("north: points at the observer; expected another direction than direction")
+    up = up / np.linalg.norm(up)
+    return np.array([up, np.cross(sight, up)])
 
 
 def unit_vector(key: str, direction: Any) -> Floats:
@@ -145,6 +177,13 @@ def unit_vector(key: str, direction: Any) -> Floats:
         raise InputError(f"{key}: expected a vector (x, y, z) with a length, got {direction!r}")
     sight = sight / np.abs(sight).max()
     return np.asarray(sight / np.linalg.norm(sight))
+
+
+def speed_of_light(units: UnitSystem, light_time: bool) -> float:
+    """Speed of light in these units; endless if light takes no time. Raises an InputError for units without one."""
+    if light_time and units.light is None:
+        raise InputError(f"light_time: units {units.name!r} have no speed of light")
+    return units.light if light_time and units.light else np.inf
 
 
 @cache
@@ -196,10 +235,7 @@ def _in_run(
     if times is None or isinstance(times, str) or not isinstance(times, Iterable):
         raise InputError(f"times: expected a row of times, such as [0.5, 1.0], got {shown(times)}")
     asked = np.array([time_in(each, units, f"times[{k}]") for k, each in enumerate(times)], dtype=float)
-    m, left = system.state.masses, asked
-    if view.light_time and units.light is None:
-        raise InputError(f"light_time: units {units.name!r} have no speed of light")
-    light = units.light if view.light_time and units.light else np.inf
+    m, left, light = system.state.masses, asked, speed_of_light(units, view.light_time)
     for _ in range(PASSES):
         y = states_at(system, left, method, asked_options)  # (k, 2, 3, n)
         x, v = (y[:, j, :, one] - y[:, j] @ m / m.sum() for j in (0, 1))

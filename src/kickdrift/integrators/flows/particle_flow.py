@@ -178,7 +178,6 @@ class ParticleFlow(ParticleStates):
         self._kept = None if self._listed and len(system) >= MANY else self._forces_aside(system)
         self._seen: tuple[Floats, Floats, float, Floats, Floats] | None = None  # y, edges, virial, its parts, forces
         self.others: BoundForces | None = None  # forces that a method has bound by itself
-        self.groups: list[int] | None = None  # groups of the forces that a method kicks by; None for those they have
         self._look_at(system)
         if system.dimensions == 2:
             self._check_in_plane()
@@ -197,9 +196,9 @@ class ParticleFlow(ParticleStates):
         """Forces that share no lists with the run."""
         return self._kept or self._forces_aside(self.subject)
 
-    def kick_apart(self, forces: list[Any], groups: list[int]) -> None:
-        """Let steps kick by these forces in place of the System's, each in its group. Samples have the System's."""
-        self.forces, self.groups = BoundForces(self.subject.under(forces), self.forces.threads), groups
+    def kick_apart(self, forces: list[Any]) -> None:
+        """Let steps kick by these forces in place of the System's. Samples have the System's."""
+        self.forces = BoundForces(self.subject.under(forces), self.forces.threads)
         self._shared = False
 
     def _under(self, system: System) -> Any:

@@ -65,8 +65,10 @@ class Splitting(Method):
             raise InputError(f"{self.name}: a word has one heat bath, not {len(baths)}: {names}")
         if len(letters) != len(self.weights):
             raise InputError(f"{self.name}: {len(letters)} letters and {len(self.weights)} weights")
+        whole = any(FLOWS[letter[0]].whole for letter in letters)
         kicks = {letter for letter in letters if letter[0] == KICK} or {KICK}
-        for letter in sorted({*letters, *kicks, DRIFT}, key=lambda each: (list(FLOWS).index(each[0]), each)):
+        needed = {*letters} if whole else {*letters, *kicks, DRIFT}
+        for letter in sorted(needed, key=lambda each: (list(FLOWS).index(each[0]), each)):
             total, size = fsum(self.of(letter)), fsum(map(abs, self.of(letter)))
             if not abs(total - 1.0) <= 1e-14 * size:
                 group = group_of(letter)
@@ -185,7 +187,8 @@ class Splitting(Method):
     @property
     def ends_fresh(self) -> bool:
         """Whether positions stay fixed after a step's last kicks, so that their forces are those at the step's end."""
-        return all(self._fresh_after(letter) for letter in self._acting if letter[0] == KICK)
+        kicks = [letter for letter in self._acting if letter[0] == KICK]
+        return bool(kicks) and all(map(self._fresh_after, kicks))
 
     def _fresh_after(self, kick: str) -> bool:
         """Whether positions stay fixed after the last of these kicks."""

@@ -226,9 +226,9 @@ class SplittingStepper(FixedStepper):
 
     @property
     def baths(self) -> list[Floats]:
-        """The memory of all baths: heat, and the state of those that have one."""
+        """The memory of all further flows: heat of baths, and the state of the flows that have one."""
         found = [bound.parts.bath.heat for bound in self._baths]
-        return found + [bound.parts.state for bound in self._baths if hasattr(bound.parts, "state")]
+        return found + [bound.parts.state for bound in self._bound if hasattr(bound.parts, "state")]
 
     @baths.setter
     def baths(self, given: list[Floats]) -> None:
@@ -250,14 +250,14 @@ class SplittingStepper(FixedStepper):
         """See Stepper. The memory of a word without baths is that of version 0.1.0."""
         pressed = {"barostat": self.barostat.memory()} if self.barostat else {}
         begun = {"begun": self._begun} if self._begun else {}
-        return super().memory() | ({"baths": by_value(self.baths)} if self._baths else {}) | begun | pressed
+        return super().memory() | ({"baths": by_value(self.baths)} if self.baths else {}) | begun | pressed
 
     def recall(self, memory: Memory) -> None:
         """See Stepper."""
         if self.barostat:
             self.barostat.recall(memory["barostat"])  # the lists of the forces need the box
         super().recall(memory)
-        if self._baths:
+        if self.baths:
             self.baths, self._begun = memory["baths"], float(memory.get("begun", 0.0))
         if self.barostat:
             self.barostat.recall(memory["barostat"])
@@ -279,8 +279,6 @@ def _walled(flow: Flow) -> bool:
 
 def _forces_in(method: Composition, flow: Flow) -> NDArray[np.int64]:
     """Group of each force. Raises InputError for a group that the word does not kick."""
-    if (own := getattr(flow, "groups", None)) is not None:
-        return np.array(own, np.int64)
     forces = [] if not isinstance(flow.subject, System) else flow.subject.forces
     groups = [whole_number(f"force {force.name}: group", getattr(force, "group", 0), 0) for force in forces]
     for force, group in zip(forces, groups, strict=True):

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from kickdrift.integrators.stepping.subflow_code import BoundSubflow
 
 
-DRIFT, KICK, MIRROR, BESIDE = "A", "B", "W", "Y"
+DRIFT, KICK, MIRROR, BESIDE, UNDER_STAR, MUTUAL = "A", "B", "W", "Y", "S", "I"
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class Subflow:
     bath : whether the flow exchanges heat with a bath
     drags : whether the bath changes the total momentum
     options : what the flow takes; every method whose word has the letter takes it
+    whole : whether the flow drifts and kicks by itself, so that a word needs no other drift
     bind : makes the BoundSubflow of a run from its Flow, its Options, and the flow's part of the step at each stage;
         None for kick and drift, which loops have built in
     """
@@ -63,6 +64,7 @@ class Subflow:
     reversible: bool = True
     bath: bool = False
     drags: bool = False
+    whole: bool = False
     options: tuple[Option, ...] = ()
     bind: Callable[[Flow, Options, Floats], BoundSubflow] | None = None
 
@@ -79,13 +81,22 @@ def _bath(letter: str, name: str, *options: Option, drags: bool) -> Subflow:
         return velocity_noise.bind_friction(letter, flow, options, weights)
 
     declared = (TEMPERATURE, TEMPERATURE_TO, *options, *OF_PRESSURE, RAMP_STEPS, ALLOW_GRAVITY)
-    return Subflow(name, False, False, False, True, drags, declared, bind)
+    return Subflow(name, False, False, False, True, drags, options=declared, bind=bind)
 
 
 def _mirrors(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
     from kickdrift.integrators.splitting.mirrors import bind
 
     return bind(flow, options, weights)
+
+
+def _by_gravity(letter: str) -> Callable[[Flow, Options, Floats], BoundSubflow]:
+    def bound(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
+        from kickdrift.integrators.wisdom_holman.embedded_flows import bind
+
+        return bind(letter, flow, options, weights)
+
+    return bound
 
 
 def _unknowns(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
@@ -105,6 +116,8 @@ FLOWS = {
     "N": _bath("N", "Nosé-Hoover chain", TAU, CHAIN, drags=False),
     MIRROR: Subflow("bounces off hard walls", moves=True, bind=_mirrors),
     BESIDE: Subflow("unknowns beside the bodies", moves=True, symplectic=False, reversible=False, bind=_unknowns),
+    UNDER_STAR: Subflow("motion under the star, of eos", moves=True, whole=True, bind=_by_gravity(UNDER_STAR)),
+    MUTUAL: Subflow("kick by the planets, of eos", moves=False, bind=_by_gravity(MUTUAL)),
 }
 
 
@@ -203,5 +216,5 @@ def rows_of(letters: Sequence[str], weights: Sequence[float], further: Sequence[
                 stages[-1][3:6] = weight, passed, further.index(letter)
             if letter[0] == KICK:
                 stages[-1][6] = group_of(letter) or 0
-        last, passed, before = slot, passed + weight * (letter == DRIFT), letter
+        last, passed, before = slot, passed + weight * (letter in (DRIFT, UNDER_STAR)), letter
     return np.array(stages, dtype=np.float64).T
