@@ -78,19 +78,12 @@ def export(
         for each in (made.to_gromacs if gromacs else made.to_lammps)(output, overwrite).files:
             out(str(each))
         return
-<<<<<<< HEAD
     if any(value is not None for value in files.values()):
-        raise InputError("files of force fields are for an input of LAMMPS: in.NAME or NAME.in")
+        raise InputError("files of force fields are for in.NAME and NAME.in of LAMMPS, and for NAME.top")
     if frame is not None:
         if not start is stop is step is None:
             raise InputError("--frame is one frame; --start, --stop and --step choose others")
         start, stop = frame, frame + 1 or None
-=======
-    if frame is not None or any(value is not None for value in files.values()):
-        raise InputError(
-            "--frame and files of force fields are for an input of LAMMPS, in.NAME or NAME.in, and for NAME.top"
-        )
->>>>>>> h42
     with progress_bar(quiet) as bar:
         done = kd.export(
             file, output, unwrapped=unwrapped, start=start, stop=stop, step=step, overwrite=overwrite,
