@@ -10,6 +10,7 @@ import kickdrift as kd
 from kickdrift.forces import LennardJones
 from kickdrift.integrators import integrator
 from kickdrift.model.system import System
+from kickdrift_validation.problems import kepler
 
 CUTOFF = 2.5
 GRID = 2.0**-24  # grid for positions and edges: differences and subtracted edges are then exact in both implementations
@@ -65,6 +66,59 @@ def liquid(count=64, cutoff=2.0, seed=3) -> kd.System:
     v = rng.normal(size=(count, 3))
     v -= v.mean(axis=0)
     return kd.System(x, v, box=(length,) * 3, forces=[kd.LennardJones(cutoff=cutoff, truncation="shift")])
+
+
+def wells(n: int, seed=4) -> kd.System:
+    """Particles in a harmonic well, from the distribution at the temperature 1."""
+    rng = np.random.default_rng(seed)
+    return kd.System(rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), forces=[kd.HarmonicTrap(1.0)], units="lj")
+
+
+def assert_mean_squares(sim, exact):
+    """Check the means of x^2 and v^2 of a run with a heat bath, which moves on, within four standard errors."""
+    sim.advance(50)
+    found = []
+    for _ in range(60):
+        sim.advance(8)
+        found.append([(sim.state.positions**2).mean(), (sim.state.velocities**2).mean()])
+    means = np.mean(np.array(found).reshape(12, 5, 2), axis=1)
+    error = means.std(axis=0, ddof=1) / math.sqrt(12)
+    assert np.all(np.abs(means.mean(axis=0) - exact) < 4 * error)
+    assert np.all(error < 0.01)
+
+
+def two_bodies(e: float, t: float = 0.0) -> kd.System:
+    """Two unequal masses on a Kepler ellipse, at a time after pericentre; G = 1, semi-major axis 1."""
+    (r, v), masses = kepler(t, e), np.array([0.6, 0.4])
+    shares = np.array([-masses[1], masses[0]])[:, None]
+    return kd.System(shares * r, shares * v, masses=masses, forces=[kd.Gravity()], units="nbody")
+
+
+def circling(*names: str) -> kd.System:
+    """Two bodies on circles about each other, period 2 pi, so that the angle is the time."""
+    x, v = [[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]], [[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]]
+    return kd.System(x, v, [0.5, 0.5], forces=[kd.Gravity()], units="nbody", names=names)
+
+
+def three_bodies() -> kd.System:
+    """Three bodies of similar masses whose encounters need short steps."""
+    x, v = [[0, 0, 0], [1, 0, 0], [0, 1.3, 0.2]], [[0, 0, 0], [0, 0.9, 0], [-0.7, 0, 0.1]]
+    return kd.System(x, v, [1.0, 0.5, 0.3], forces=[kd.Gravity()], units="nbody")
+
+
+def planets_that_meet(moved=(0, 0, 0, 0.0), masses=(1.0, 1e-3, 3e-4)) -> kd.System:
+    """A star and two planets that meet; ``moved`` changes half, body and axis of the start by an amount."""
+    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.02], [-1.4, 0.1, 0.0]])
+    v = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.86, 0.05]])
+    half, body, axis, by = moved
+    (x, v)[half][body, axis] += by
+    return kd.System(x, v, masses, forces=[kd.Gravity(G=1.0)], units="nbody", names=["star", "b", "c"])
+
+
+def slope(end, h=1e-4):
+    """Derivative of a function of a displacement, by differences of order 4."""
+    one, two = ((end(k * h) - end(-k * h)) / (2 * h * k) for k in (1, 2))
+    return (4 * one - two) / 3
 
 
 def on_grid(x):

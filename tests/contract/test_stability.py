@@ -23,7 +23,7 @@ from kickdrift.integrators.step_choice.stability import (
     stability_interval,
 )
 from kickdrift.plots import stability as plots_stability
-from kickdrift.plots.drawing import save_figure
+from tests.figures import saved_by
 from tests.long import shortened
 from tests.oracle import integrators as oracle_integrators
 
@@ -212,13 +212,7 @@ def folder(monkeypatch, tmp_path):
 
 
 def drawn_legends(monkeypatch, names, target) -> list[list[str]]:
-    figures = []
-
-    def keep(figure, path):
-        figures.append(figure)
-        return save_figure(figure, path)
-
-    monkeypatch.setattr(plots_stability, "save_figure", keep)
+    figures = saved_by(monkeypatch, plots_stability)
     assert plots_stability.plot_stability(names, target) == target
     assert target.read_bytes().startswith(b"\x89PNG")
     return [[text.get_text() for text in axes.get_legend().get_texts()] for axes in figures[0].axes]

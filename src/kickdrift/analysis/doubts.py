@@ -1,6 +1,9 @@
 """What reports made from a trajectory say alike: what ran, and when the trajectory is no good."""
 
+from dataclasses import fields
 from typing import Any
+
+import numpy as np
 
 from kickdrift.display.showing import Lines
 from kickdrift.integrators.flows.flow import flow_of
@@ -12,6 +15,8 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import symbol_of
 from kickdrift.text import measured
+
+KEPT = 500  # most samples in a report's JSON
 
 
 def trajectory_doubts(system: System | Problem, ends: tuple[Energies, Energies], phase: Floats | None) -> list[str]:
@@ -47,3 +52,11 @@ def run_lines(found: Any) -> Lines:
         ("integrator", found.integrator + step),
         ("length", f"{found.steps:,} steps, {measured(f'{found.time:g}', unit)}"),
     ]
+
+
+def plain(found: Any, *series: str) -> dict[str, Any]:
+    """The fields of a report for JSON; these ``series`` over ``found.times`` have at most some 500 points."""
+    every = -(-len(found.times) // KEPT)
+    kept = {each.name: getattr(found, each.name) for each in fields(found)}
+    kept |= {name: kept[name][::-every][::-1] for name in series}
+    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in kept.items()}

@@ -11,6 +11,7 @@ import kickdrift as kd
 from kickdrift.analysis.tangents.element_slopes import named, slopes_of
 from kickdrift.errors import InputError
 from kickdrift.model.starts.elements import states
+from tests.systems import slope
 
 MASSES = np.array([1.0, 1e-3, 3e-4])
 PLAIN = {"a": 1.1, "e": 0.2, "inc": 20.0, "Omega": 50.0, "omega": 100.0, "M": 130.0, "mass": 1e-3}
@@ -25,12 +26,6 @@ def planets(**moved: float) -> kd.System:
     v = np.array([[0.0, 0.0, 0.0], own[1], [0.0, -0.7, 0.05]])
     masses = np.array([1.0, of["mass"], 3e-4])
     return kd.System(x, v, masses, forces=[kd.Gravity(G=1.0)], units="nbody", names=["star", "b", "c"])
-
-
-def slope(of, h):
-    """Derivative by differences of order 4."""
-    one, two = ((of(k * h) - of(-k * h)) / (2 * h * k) for k in (1, 2))
-    return (4 * one - two) / 3
 
 
 def test_derivatives_by_elements_are_slopes_of_runs():

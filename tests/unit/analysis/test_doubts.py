@@ -10,13 +10,9 @@ from kickdrift.analysis.chaos.megno import megnos
 from kickdrift.analysis.orbits.secular_run import orbit_report
 from kickdrift.ensemble.rows import megno_columns
 from kickdrift.trajectory.read.info import warnings_of
+from tests.systems import three_bodies
 
 OFF = "the energy is off by"
-
-
-def three() -> kd.System:
-    x, v = [[0, 0, 0], [1, 0, 0], [0, 1.3, 0.2]], [[0, 0, 0], [0, 0.9, 0], [-0.7, 0, 0.1]]
-    return kd.System(x, v, [1.0, 0.5, 0.3], forces=[kd.Gravity()], units="nbody")
 
 
 def planets() -> kd.System:
@@ -32,7 +28,7 @@ def told(found) -> str:
     return warning
 
 
-@pytest.mark.parametrize(("system", "wrong"), [(three(), True), (planets(), False)])
+@pytest.mark.parametrize(("system", "wrong"), [(three_bodies(), True), (planets(), False)])
 def test_megno_and_the_spectrum_and_the_transition_matrix(system, wrong):
     found = kd.megno(system, 100.0, "rk4", 0.5 if wrong else 0.05)
     spectrum = kd.lyapunov_spectrum(system, 100.0, "rk4", 0.5 if wrong else 0.05, count=1)
@@ -48,7 +44,7 @@ def test_megno_and_the_spectrum_and_the_transition_matrix(system, wrong):
 
 
 def test_megnos_of_a_batch():
-    wrong, right = megnos([three(), planets()], 25.0, "rk4", [0.5, 0.5])
+    wrong, right = megnos([three_bodies(), planets()], 25.0, "rk4", [0.5, 0.5])
     assert wrong.verdict == "unreliable"
     assert told(wrong)
     assert not right.warnings
@@ -67,7 +63,7 @@ def test_maps_and_problems():
 
 
 def test_transits():
-    loose = kd.transits(three(), 1, 0, until=40.0, integrator="dop853", rtol=10.0, direction=(1, 0, 0))
+    loose = kd.transits(three_bodies(), 1, 0, until=40.0, integrator="dop853", rtol=10.0, direction=(1, 0, 0))
     assert told(loose) in loose.as_json()["warnings"]
     assert not kd.transits(planets(), 1, 0, until=14.0, direction=(1, 0, 0)).warnings
 

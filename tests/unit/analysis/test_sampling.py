@@ -16,21 +16,16 @@ from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow,
 from kickdrift.cli.main import app
 from kickdrift.errors import InputError
 from kickdrift_validation.heat_baths import covariance
-from tests.systems import liquid
+from tests.systems import liquid, wells
 
 RUNNER = CliRunner()
-
-
-def wells(n: int = 300) -> kd.System:
-    rng = np.random.default_rng(4)
-    return kd.System(rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), forces=[kd.HarmonicTrap(1.0)], units="lj")
 
 
 @pytest.mark.parametrize("word", ["obabo", "baoab", "aboba"])
 def test_the_difference_in_a_well_is_exact(word):
     """<U> and <K> of oscillators at dt = 1 and 1/2, from discrete Lyapunov equations; within four standard errors."""
     method = kd.integrator(word, temperature=1.0, friction=1.0, seed=2)
-    paths = CoupledPaths(wells(), method, 1.0, wells().state)
+    paths = CoupledPaths(wells(300), method, 1.0, wells(300).state)
     stretches(paths, 10, 2)  # to equilibrium
     looks = stretches(paths, 8, 40)
     found = difference(looks, paths, 8)

@@ -12,23 +12,9 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from tests.long import rest
+from tests.systems import planets_that_meet, slope
 
 MASSES = [1.0, 1e-3, 3e-4]
-
-
-def planets(move=(0, 0, 0, 0.0), masses=MASSES) -> kd.System:
-    """Two planets that meet; ``move`` changes half, body and axis of the start by an amount."""
-    x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.02], [-1.4, 0.1, 0.0]])
-    v = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -0.86, 0.05]])
-    half, body, axis, by = move
-    (x, v)[half][body, axis] += by
-    return kd.System(x, v, masses, forces=[kd.Gravity(G=1.0)], units="nbody", names=["star", "b", "c"])
-
-
-def slope(end, h=1e-4):
-    """Derivative of a function of a displacement, by differences of order 4."""
-    one, two = ((end(k * h) - end(-k * h)) / (2 * h * k) for k in (1, 2))
-    return (4 * one - two) / 3
 
 
 def run_to(system: kd.System, integrator: str, dt: float | None, time: float = 5.0) -> np.ndarray:
@@ -41,18 +27,18 @@ def run_to(system: kd.System, integrator: str, dt: float | None, time: float = 5
     ("name", "dt"), [("gauss-radau15", None), ("yoshida4", 0.01), ("wisdom-holman", 0.05), ("saba", 0.05)]
 )
 def test_columns_are_slopes_of_runs(name, dt):
-    found = kd.transition_matrix(planets(), 5.0, name, dt, masses=True)
+    found = kd.transition_matrix(planets_that_meet(), 5.0, name, dt, masses=True)
     assert found.by_differences == ()
     assert found.symplectic_error < 1e-13
     end = np.concatenate([found.end.positions.ravel(), found.end.velocities.ravel()])
-    np.testing.assert_allclose(end, run_to(planets(), name, dt), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(end, run_to(planets_that_meet(), name, dt), rtol=0, atol=1e-12)
     size = np.abs(found.matrix).max()
     for column, move in ((3, (0, 1, 0)), (9 + 7, (1, 2, 1)), (0, (0, 0, 0))):
-        wanted = slope(lambda by, move=move: run_to(planets((*move, by)), name, dt))
+        wanted = slope(lambda by, move=move: run_to(planets_that_meet((*move, by)), name, dt))
         np.testing.assert_allclose(found.matrix[:, column], wanted, rtol=0, atol=1e-9 * size)
     for body in (0, 1):
         masses = np.eye(3)[body]
-        wanted = slope(lambda by, e=masses: run_to(planets(masses=np.array(MASSES) + by * e), name, dt))
+        wanted = slope(lambda by, e=masses: run_to(planets_that_meet(masses=np.array(MASSES) + by * e), name, dt))
         np.testing.assert_allclose(found.by_masses[:, body], wanted, rtol=0, atol=1e-9 * size)
 
 
@@ -71,13 +57,13 @@ def test_columns_by_masses_and_parameters_may_grow():
 
 
 def test_bodies_select_columns_and_a_simulation_goes_on():
-    whole = kd.transition_matrix(planets(), 1.0, "yoshida4", 0.01)
-    part = kd.transition_matrix(planets(), 1.0, "yoshida4", 0.01, bodies=["c", 1])
+    whole = kd.transition_matrix(planets_that_meet(), 1.0, "yoshida4", 0.01)
+    part = kd.transition_matrix(planets_that_meet(), 1.0, "yoshida4", 0.01, bodies=["c", 1])
     assert part.bodies == (2, 1)
     np.testing.assert_array_equal(part.matrix, whole.matrix[:, [6, 7, 8, 3, 4, 5, 15, 16, 17, 12, 13, 14]])
-    sim = kd.Simulation(planets(), "yoshida4", 0.01)
+    sim = kd.Simulation(planets_that_meet(), "yoshida4", 0.01)
     sim.run(50)
-    first, second = kd.transition_matrix(planets(), 0.5, "yoshida4", 0.01), kd.transition_matrix(sim, 0.5)
+    first, second = kd.transition_matrix(planets_that_meet(), 0.5, "yoshida4", 0.01), kd.transition_matrix(sim, 0.5)
     assert second.integrator == "yoshida4"
     assert second.start.time == 0.5
     np.testing.assert_allclose(second.matrix @ first.matrix, whole.matrix, rtol=0, atol=1e-12)
@@ -85,7 +71,7 @@ def test_bodies_select_columns_and_a_simulation_goes_on():
 
 def test_a_tangent_map_follows_the_corrector_and_the_star_in_any_place():
     order = [1, 0, 2]
-    system = planets()
+    system = planets_that_meet()
     turned = kd.System(
         system.state.positions[order], system.state.velocities[order], system.state.masses[order],
         forces=system.forces, units="nbody",
@@ -119,7 +105,7 @@ def test_a_tangent_map_follows_other_forces_and_kernels(name, forces, given):
     order = [1, 0, 2]  # the star in the middle
 
     def system(move=(0, 0, 0, 0.0)):
-        made = planets(move)
+        made = planets_that_meet(move)
         x, v = made.state.positions[order], made.state.velocities[order]
         return kd.System(x, v, made.state.masses[order], forces=[kd.Gravity(G=1.0), *forces], units="nbody")
 
@@ -139,7 +125,7 @@ def test_a_tangent_map_follows_other_forces_and_kernels(name, forces, given):
 def test_a_tangent_map_takes_masses_and_parameters_of_other_forces():
     def system(masses=MASSES, j2=1e-2):
         flat = kd.Oblateness(j2=j2, radius=0.3, pole=(0.1, 0.0, 1.0), G=1.0)
-        return planets(masses=masses).with_forces(kd.Gravity(G=1.0), flat, POTENTIAL)
+        return planets_that_meet(masses=masses).with_forces(kd.Gravity(G=1.0), flat, POTENTIAL)
 
     def run(**changed):
         return run_to(system(**changed), "wisdom-holman", 0.05)
@@ -171,16 +157,16 @@ def test_deviations_follow_epicycles():
 
 
 def test_a_tangent_map_is_symplectic_over_long_runs():
-    found = kd.transition_matrix(planets(), 500.0, "wisdom-holman", 0.05)
+    found = kd.transition_matrix(planets_that_meet(), 500.0, "wisdom-holman", 0.05)
     assert found.steps == 10_000
     assert found.symplectic_error < 1e-13
     assert kd.transition_matrix(kd.load("trappist-1"), "10 day").integrator == "wisdom-holman"
 
 
 def test_a_scaled_deviation_is_the_same(monkeypatch):
-    plain = kd.transition_matrix(planets(), 5.0, "yoshida4", 0.01)
+    plain = kd.transition_matrix(planets_that_meet(), 5.0, "yoshida4", 0.01)
     monkeypatch.setattr("kickdrift.analysis.tangents.varied_run.LARGEST", 2.0)
-    scaled = kd.transition_matrix(planets(), 5.0, "yoshida4", 0.01)
+    scaled = kd.transition_matrix(planets_that_meet(), 5.0, "yoshida4", 0.01)
     np.testing.assert_array_equal(scaled.matrix, plain.matrix)
 
 
@@ -234,7 +220,7 @@ class Accumulated(NamedTuple):
 def test_slopes_by_masses_and_parameters_of_all_forces():
     def system(masses=MASSES, j2=1e-2, G=1.0) -> kd.System:
         flat = kd.Oblateness(j2=j2, radius=0.3, pole=(0.1, 0.0, 1.0), G=G)
-        return planets(masses=masses).with_forces(kd.Gravity(G=1.0), flat, kd.PostNewtonian(c=20.0, G=1.0))
+        return planets_that_meet(masses=masses).with_forces(kd.Gravity(G=1.0), flat, kd.PostNewtonian(c=20.0, G=1.0))
 
     found = kd.transition_matrix(system(), 2.0, masses=True, parameters=["j2.j2", "j2.G"])
     assert (found.by_masses.shape, found.by_parameters.shape) == ((18, 3), (18, 2))
@@ -283,16 +269,16 @@ def test_a_law_of_whole_arrays_has_exact_slopes_or_says_that_it_has_none(law, er
 )
 def test_what_makes_no_sense_is_said(given, message):
     with pytest.raises(InputError, match=message):
-        kd.transition_matrix(planets(), **{"time": 1.0, **given})
+        kd.transition_matrix(planets_that_meet(), **{"time": 1.0, **given})
 
 
 def test_forces_without_variations_are_refused():
     with pytest.raises(InputError, match="force 'gravity-tree': has no variational equations"):
-        kd.transition_matrix(planets().with_forces(kd.GravityTree(G=1.0)), 0.1)
-    flat = planets().with_forces(kd.Gravity(G=1.0), kd.Oblateness(j2=1e-3, radius=0.1, G=1.0))
+        kd.transition_matrix(planets_that_meet().with_forces(kd.GravityTree(G=1.0)), 0.1)
+    flat = planets_that_meet().with_forces(kd.Gravity(G=1.0), kd.Oblateness(j2=1e-3, radius=0.1, G=1.0))
     with pytest.raises(InputError, match=r"map of wisdom-holman takes none of gravity; .* takes gravity\.G"):
         kd.transition_matrix(flat, 1.0, "wisdom-holman", 0.1, parameters="gravity.G")
-    whole = planets().with_forces(kd.Gravity(G=1.0), Accumulated(k=1.0))
+    whole = planets_that_meet().with_forces(kd.Gravity(G=1.0), Accumulated(k=1.0))
     for name in ("wisdom-holman", "trace"):
         with pytest.raises(InputError, match=f"{name}: its tangent map needs exact slopes of accumulated"):
             kd.transition_matrix(whole, 1.0, name, 0.1)
@@ -327,8 +313,8 @@ def test_keplers_transits_come_once_a_period():
 
 
 def test_transits_of_a_simulation_go_on_from_its_time():
-    whole = kd.transits(planets(), "b", until=14.0, direction=(1, 0, 0))
-    sim = kd.Simulation(planets(), "gauss-radau15")
+    whole = kd.transits(planets_that_meet(), "b", until=14.0, direction=(1, 0, 0))
+    sim = kd.Simulation(planets_that_meet(), "gauss-radau15")
     sim.run(until=8.0)
     rest = kd.transits(sim, "b", until=14.0, direction=(1, 0, 0))
     assert len(whole) == len(rest) + 1
@@ -368,7 +354,7 @@ def test_transits_are_those_of_rebound():
 )
 def test_transits_that_make_no_sense(given, message):
     with pytest.raises(InputError, match=message):
-        kd.transits(planets(), **{"until": 3.0, "direction": (1, 0, 0), **given})
+        kd.transits(planets_that_meet(), **{"until": 3.0, "direction": (1, 0, 0), **given})
 
 
 def test_command(tmp_path, kickdrift):

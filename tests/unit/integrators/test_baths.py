@@ -11,7 +11,7 @@ from scipy import stats
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.integrators import integrator
-from tests.systems import BATH, liquid, needed
+from tests.systems import BATH, assert_mean_squares, liquid, needed, wells
 
 BATHS = ("baoab", "obabo", "aboba", "oabao", "baoa", "csvr", "nose-hoover", "andersen")
 # Means of x^2 and v^2 at omega dt = 1, friction 1, over the exact ones: Leimkuhler & Matthews 2013,
@@ -21,23 +21,10 @@ OSCILLATOR = {
 }  # fmt: skip
 
 
-def oscillators(n=2000):
-    rng = np.random.default_rng(1)
-    return kd.System(rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), forces=[kd.HarmonicTrap(1.0)], units="lj")
-
-
 @pytest.mark.parametrize("name", OSCILLATOR)
 def test_averages_of_a_harmonic_well(name):
-    sim = kd.Simulation(oscillators(), name, dt=1.0, temperature=1.0, friction=1.0, seed=3)
-    sim.advance(50)
-    found = []
-    for _ in range(60):
-        sim.advance(8)
-        found.append([(sim.state.positions**2).mean(), (sim.state.velocities**2).mean()])
-    means = np.mean(np.array(found).reshape(12, 5, 2), axis=1)
-    error = means.std(axis=0, ddof=1) / math.sqrt(12)
-    assert np.all(np.abs(means.mean(axis=0) - OSCILLATOR[name]) < 4 * error)
-    assert np.all(error < 0.01)
+    sim = kd.Simulation(wells(2000, seed=1), name, dt=1.0, temperature=1.0, friction=1.0, seed=3)
+    assert_mean_squares(sim, OSCILLATOR[name])
 
 
 @pytest.mark.parametrize("name", BATHS)
@@ -97,7 +84,7 @@ def test_two_dimensions_stay_in_the_plane():
 
 
 def test_noise_depends_on_the_seed_and_the_particle():
-    system = oscillators(20)
+    system = wells(20, seed=1)
 
     def end(**options):
         sim = kd.Simulation(system, "baoab", 0.1, temperature=1.0, friction=1.0, **options)

@@ -13,17 +13,11 @@ import kickdrift as kd
 from kickdrift.errors import InputError, RunError
 from kickdrift_validation.folders import DATA
 from kickdrift_validation.problems import kepler
+from tests.systems import two_bodies
 
 MASSES = np.array([0.6, 0.4])
 STATES = DATA / "nbody" / "quad_states.json"
 SCHEMES = ("shared", "block")
-
-
-def two_bodies(e: float, t: float = 0.0) -> kd.System:
-    """Two unequal masses on a Kepler ellipse, at a time after pericentre; G = 1, semi-major axis 1."""
-    r, v = kepler(t, e)
-    shares = np.array([-MASSES[1], MASSES[0]])[:, None]
-    return kd.System(shares * r, shares * v, masses=MASSES, forces=[kd.Gravity()], units="nbody")
 
 
 def cluster(n: int, seed: int = 1, massless: int = 0, softening: float = 0.05) -> kd.System:

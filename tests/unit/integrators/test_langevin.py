@@ -13,6 +13,7 @@ from kickdrift.forces.bound.forces import most_threads
 from kickdrift.integrators import integrator
 from kickdrift.integrators.own.registration import unregister
 from kickdrift.integrators.stepping import loops
+from tests.systems import assert_mean_squares, wells
 
 WORDS = ("baoab", "obabo", "aboba", "oabao", "baoa")
 BATH = {"temperature": 1.5, "friction": 1.3, "seed": 7}
@@ -20,11 +21,6 @@ BATH = {"temperature": 1.5, "friction": 1.3, "seed": 7}
 
 def free(n: int) -> kd.System:
     return kd.System(np.arange(3.0 * n).reshape(n, 3), np.zeros((n, 3)), units="lj")
-
-
-def wells(n: int) -> kd.System:
-    rng = np.random.default_rng(4)
-    return kd.System(rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), forces=[kd.HarmonicTrap(1.0)], units="lj")
 
 
 def states(system: kd.System, name: str, dt: float, steps: int, **options) -> list[kd.State]:
@@ -81,15 +77,7 @@ def test_gjf_and_brownian_have_exact_means_in_a_well():
     """<x^2> = k_B T / k for both; <v^2> = 1 - (omega dt)^2 / 4 for gjf, and Maxwell's for brownian."""
     for name, squares in (("gjf", 0.75), ("brownian", 1.0)):
         sim = kd.Simulation(wells(2000), name, 1.0, temperature=1.0, friction=1.0, seed=3)
-        sim.advance(50)
-        found = []
-        for _ in range(60):
-            sim.advance(8)
-            found.append([(sim.state.positions**2).mean(), (sim.state.velocities**2).mean()])
-        means = np.mean(np.array(found).reshape(12, 5, 2), axis=1)
-        error = means.std(axis=0, ddof=1) / math.sqrt(12)
-        assert np.all(np.abs(means.mean(axis=0) - (1.0, squares)) < 4 * error)
-        assert np.all(error < 0.01)
+        assert_mean_squares(sim, (1.0, squares))
 
 
 def test_a_report_of_brownian_judges_no_temperature():

@@ -9,16 +9,7 @@ import pytest
 
 import kickdrift as kd
 from kickdrift.errors import InputError, RunError
-from kickdrift_validation.problems import kepler
-
-MASSES = np.array([0.6, 0.4])
-
-
-def two_bodies(e: float, t: float = 0.0) -> kd.System:
-    """Two unequal masses on a Kepler ellipse, at a time after pericentre; G = 1, semi-major axis 1."""
-    r, v = kepler(t, e)
-    shares = np.array([-MASSES[1], MASSES[0]])[:, None]
-    return kd.System(shares * r, shares * v, masses=MASSES, forces=[kd.Gravity()], units="nbody")
+from tests.systems import two_bodies
 
 
 def three_bodies() -> kd.System:

@@ -15,6 +15,7 @@ from kickdrift.ensemble.members import members_of
 from kickdrift.ensemble.rows import row_of
 from kickdrift.plots import ensemble as of
 from kickdrift.plots.ensemble import grid_scale
+from tests.figures import saved_by
 
 MEGNO = {"x.e": [0.0, 0.1, 0.2], "x.a": [5.0, 5.5]}
 
@@ -37,14 +38,7 @@ def write(path, vary, value, column="megno", replicas=1, units="astro"):
 @pytest.fixture
 def draw(tmp_path, monkeypatch):
     """Function that writes a table, draws it and returns its figure."""
-    figures = []
-    save = of.save_figure
-
-    def keep(figure, target):
-        figures.append(figure)
-        return save(figure, target)
-
-    monkeypatch.setattr(of, "save_figure", keep)
+    figures = saved_by(monkeypatch, of)
 
     def drawn(vary, value, column="megno", suffix=".parquet", **options):
         path = write(tmp_path / f"table{suffix}", vary, value, column, **options)

@@ -11,20 +11,14 @@ from kickdrift.cli.main import app
 from kickdrift.looks.doubts import digits_doubt, energy_doubt
 from kickdrift.trajectory.overview import overview
 from kickdrift.trajectory.read.info import describe, info
-from tests.systems import liquid
+from tests.systems import liquid, three_bodies
 
 OFF = "the energy is off by"
 
 
-def three() -> kd.System:
-    """Three bodies of similar masses whose encounters need short steps."""
-    x, v = [[0, 0, 0], [1, 0, 0], [0, 1.3, 0.2]], [[0, 0, 0], [0, 0.9, 0], [-0.7, 0, 0.1]]
-    return kd.System(x, v, [1.0, 0.5, 0.3], forces=[kd.Gravity()], units="nbody")
-
-
 @pytest.mark.parametrize(("name", "options"), [("hermite4", {"eta": 1.0}), ("dop853", {"rtol": 10.0})])
 def test_no_verdict_stands_beside_a_wrong_energy(name, options):
-    report = kd.Simulation(three(), name, **options).run(until=20.0)
+    report = kd.Simulation(three_bodies(), name, **options).run(until=20.0)
     (warning,) = report.warnings
     assert report.energy.max_relative_error > 1.0
     assert warning.startswith(f"{OFF} {report.energy.max_relative_error:.3g} of the initial energy")
@@ -33,14 +27,14 @@ def test_no_verdict_stands_beside_a_wrong_energy(name, options):
 
 def test_the_warning_is_in_the_text_the_json_and_the_file(tmp_path):
     path, system = tmp_path / "run.h5md", tmp_path / "three.toml"
-    report = kd.Simulation(three(), "rk4", dt=0.5).run(200, every=2, output=path)
+    report = kd.Simulation(three_bodies(), "rk4", dt=0.5).run(200, every=2, output=path)
     (warning,) = report.warnings
     assert warning.startswith(OFF)
     assert f"warning           {warning}" in str(report)
     assert report.as_json()["warnings"] == info(path)["report"]["warnings"] == info(path)["warnings"] == [warning]
     assert ("warning", warning) in overview(path)
     assert describe(info(path)).count(warning) == 1
-    system.write_text(three().to_toml())
+    system.write_text(three_bodies().to_toml())
     arguments = ["run", str(system), "--integrator", "rk4", "--dt", "0.5", "--steps", "200", "--quiet"]
     done = CliRunner().invoke(app, [*arguments, "--json", str(tmp_path / "run.json")])
     assert done.exit_code == 0
@@ -56,7 +50,7 @@ def test_a_file_without_a_report_tells_it_by_its_samples(tmp_path):
             raise RuntimeError("ended")
 
     with pytest.raises(RuntimeError, match="ended"):
-        kd.Simulation(three(), "rk4", dt=0.5).run(200, every=2, output=path, observe=ends)
+        kd.Simulation(three_bodies(), "rk4", dt=0.5).run(200, every=2, output=path, observe=ends)
     assert info(path)["report"] is None
     assert any(key == "warning" and text.startswith(OFF) for key, text in overview(path))
     assert any("unreliable" in text for _, text in overview(path))

@@ -8,16 +8,11 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.trajectory.read.frames import FrameSystem
-from tests.systems import liquid
-
-
-def two_bodies():
-    x, v = [[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]], [[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]]
-    return kd.System(x, v, [0.5, 0.5], forces=[kd.Gravity()], units="nbody", names=["Io", "Callisto"])
+from tests.systems import circling, liquid
 
 
 def test_a_body_by_name_is_the_body_now():
-    sim = kd.Simulation(two_bodies(), dt=0.01)
+    sim = kd.Simulation(circling("Io", "Callisto"), dt=0.01)
     sim.run(100)
     assert sim["Callisto"].position.tolist() == sim[1].position.tolist() == sim.state.positions[1].tolist()
     assert sim["Callisto"].velocity.tolist() == sim.state.velocities[1].tolist()
@@ -90,7 +85,7 @@ def test_a_problem_has_no_bodies():
 
 
 def test_the_system_of_a_frame_is_a_property_and_the_call_warns(tmp_path):
-    sim = kd.Simulation(two_bodies(), dt=0.01)
+    sim = kd.Simulation(circling("Io", "Callisto"), dt=0.01)
     sim.run(10, every=5, output=tmp_path / "run.h5md")
     with kd.open(tmp_path / "run.h5md") as run:
         system = run[-1].system

@@ -6,16 +6,10 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.systemfile.reading import loads
-from tests.systems import liquid
+from tests.systems import circling, liquid
 
 TIMES = [0.0012, 0.0031, 0.005, 0.0123, 0.02, 0.0211, 0.0212]
 NOSE_HOOVER = {"temperature": 1.0, "tau": 0.5, "splitting": "yoshida4"}
-
-
-def two_bodies():
-    """Two bodies on circles about each other, period 2 pi, so that the angle is the time."""
-    x, v = [[0.5, 0.0, 0.0], [-0.5, 0.0, 0.0]], [[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]]
-    return kd.System(x, v, [0.5, 0.5], forces=[kd.Gravity()], units="nbody", names=["A", "B"])
 
 
 def angle(state):
@@ -28,7 +22,7 @@ def angle(state):
 )
 @pytest.mark.parametrize("times", [[0.1, 0.1001, 0.3, 1.0], [-0.1, -0.25, -0.251, -1.0], np.linspace(0.0, 1.0, 7)])
 def test_the_states_are_those_at_the_times(name, options, error, times):
-    sim, seen = kd.Simulation(two_bodies(), name, **options), []
+    sim, seen = kd.Simulation(circling("A", "B"), name, **options), []
     report = sim.run(times=times, observe=lambda sim: seen.append((sim.time, sim.state.time, angle(sim.state))))
     begin = [] if times[0] == 0.0 else [0.0]
     assert np.array(seen) == pytest.approx(np.transpose([[*begin, *times]] * 3), abs=error)
@@ -131,7 +125,7 @@ def test_times_with_units_and_in_a_system_file(tmp_path):
     ],
 )
 def test_wrong_times(times, message):
-    sim = kd.Simulation(two_bodies(), dt=0.003)
+    sim = kd.Simulation(circling("A", "B"), dt=0.003)
     with pytest.raises(InputError) as error:
         sim.run(times=times)
     assert str(error.value).startswith(message)
@@ -141,7 +135,7 @@ def test_wrong_times(times, message):
 @pytest.mark.parametrize("other", [{"steps": 3}, {"until": 1.0}, {"time": 1.0}, {"every": 2}, {"exact": True}])
 def test_times_stand_alone(other):
     with pytest.raises(InputError, match=f"run: give times alone: .*, and so does {next(iter(other))}"):
-        kd.Simulation(two_bodies(), dt=0.003).run(times=[1.0], **other)
+        kd.Simulation(circling("A", "B"), dt=0.003).run(times=[1.0], **other)
 
 
 def test_where_a_shortened_copy_has_no_meaning():
@@ -153,14 +147,14 @@ def test_where_a_shortened_copy_has_no_meaning():
         sim.run(times=[0.002, 0.003])
     sim.run(times=[0.004, 0.01])
     assert sim.steps_done == 5
-    merging = two_bodies().watched([kd.Collision(action="merge", radii=0.01)])
+    merging = circling("A", "B").watched([kd.Collision(action="merge", radii=0.01)])
     with pytest.raises(InputError, match=r"times: 1 lies inside a step of 0\.3, and events change bodies inside"):
         kd.Simulation(merging, dt=0.3).run(times=[1.0])
 
 
 @pytest.mark.parametrize("name", ["velocity-verlet", "dop853"])
 def test_logged_events_are_found_beside_the_times(name):
-    system = two_bodies().watched([kd.CloseApproach(1.5, action="log")])
+    system = circling("A", "B").watched([kd.CloseApproach(1.5, action="log")])
     with_times = kd.Simulation(system, name, dt=0.003)
     with_times.run(times=np.linspace(0.1, 2.0, 23))
     plain = kd.Simulation(system, name, dt=0.003)
@@ -220,7 +214,7 @@ def test_wrong_times_in_a_file(run, message):
 
 
 def test_a_time_between_two_steps_runs_to_the_nearest_and_says_so():
-    sim = kd.Simulation(two_bodies(), dt=0.003)
+    sim = kd.Simulation(circling("A", "B"), dt=0.003)
     report = sim.run(until=1.0)
     assert (sim.steps_done, report.time) == (333, pytest.approx(0.999))
     assert report.warnings == ["time 1 is not a multiple of dt = 0.003: runs 333 steps, to 0.999"]
@@ -232,13 +226,13 @@ def test_a_time_between_two_steps_runs_to_the_nearest_and_says_so():
 
 
 def test_a_time_on_the_grid_needs_no_word():
-    sim = kd.Simulation(two_bodies(), dt=0.001)
+    sim = kd.Simulation(circling("A", "B"), dt=0.001)
     assert sim.run(until=1.0, exact=True).warnings == []
     assert sim.steps_done == 1000
 
 
 def test_a_shortened_step_ends_at_the_time_and_leaves_the_run_on_its_grid():
-    sim = kd.Simulation(two_bodies(), dt=0.003)
+    sim = kd.Simulation(circling("A", "B"), dt=0.003)
     report = sim.run(until=1.0, exact="shorten")
     angle = np.arctan2(sim.state.positions[0, 1], sim.state.positions[0, 0])
     assert angle == pytest.approx(1.0, abs=1e-6)  # on the circle the angle is the time
@@ -246,7 +240,7 @@ def test_a_shortened_step_ends_at_the_time_and_leaves_the_run_on_its_grid():
     assert (sim.steps_done, report.steps, report.warnings) == (334, 334, [])
     assert sim.record.samples[-1].time == 1.0
     sim.run(until=2.001)
-    plain = kd.Simulation(two_bodies(), dt=0.003)
+    plain = kd.Simulation(circling("A", "B"), dt=0.003)
     plain.run(667)
     assert (sim.state.phase == plain.state.phase).all()
     assert (sim.time, sim.report().steps) == (plain.time, 667)
@@ -280,7 +274,7 @@ def test_a_file_holds_the_shortened_step_and_can_be_resumed(tmp_path):
 
 
 def test_events_are_not_watched_in_a_shortened_step():
-    sim = kd.Simulation(two_bodies().watched([kd.CloseApproach(0.1)]), dt=0.3)
+    sim = kd.Simulation(circling("A", "B").watched([kd.CloseApproach(0.1)]), dt=0.3)
     with pytest.raises(InputError, match="events are not watched in a shortened step"):
         sim.run(until=1.0, exact="shorten")
     assert sim.steps_done == 0

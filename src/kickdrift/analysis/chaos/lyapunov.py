@@ -9,14 +9,13 @@ doi:10.1143/PTP.83.875).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from kickdrift.analysis.chaos.frames import MovingFrame, checked_seed, frame_of, length_of
-from kickdrift.analysis.chaos.report import KEPT
-from kickdrift.analysis.doubts import doubts_at, run_lines, warning_lines
+from kickdrift.analysis.doubts import doubts_at, plain, run_lines, warning_lines
 from kickdrift.analysis.tangents.deviations import cadence
 from kickdrift.display.showing import Lines, Shown, following
 from kickdrift.errors import InputError, RunError
@@ -91,12 +90,7 @@ class LyapunovSpectrum(Shown):
 
     def as_json(self) -> dict[str, Any]:
         """The spectrum as one JSON object, with series of at most some 500 points."""
-        every = -(-len(self.times) // KEPT)
-        kept = {each.name: getattr(self, each.name) for each in fields(self)}
-        for name in ("times", "growth"):
-            kept[name] = kept[name][::-every][::-1]
-        plain = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in kept.items()}
-        return plain | {"sum": self.sum, "dimension": self.dimension}
+        return plain(self, "times", "growth") | {"sum": self.sum, "dimension": self.dimension}
 
 
 def lyapunov_spectrum(

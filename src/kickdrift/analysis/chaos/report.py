@@ -12,12 +12,12 @@ doi:10.1016/S0167-2789(03)00103-9).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
-from kickdrift.analysis.doubts import run_lines, trajectory_doubts, warning_lines
+from kickdrift.analysis.doubts import plain, run_lines, trajectory_doubts, warning_lines
 from kickdrift.display.showing import Lines, Shown
 from kickdrift.errors import InputError
 from kickdrift.looks.doubts import UNRELIABLE
@@ -33,7 +33,6 @@ Verdict = Literal["regular", "chaotic", "undecided", "unreliable"]
 REGULAR = 0.1  # largest |<Y> - 2| of a regular motion
 CHAOTIC = 4.0  # least <Y> of a chaotic motion
 MARGIN = 1.5  # of the time that an undecided run should have had
-KEPT = 500  # most samples in a report's JSON
 SETTLED = 0.2  # first part of the run, left out of the fit of the Lyapunov exponent (Cincotta & Simo 2000, section 3)
 
 
@@ -107,13 +106,7 @@ class ChaosReport(Shown):
 
     def as_json(self) -> dict[str, Any]:
         """The report as one JSON object, with series of at most some 500 points."""
-        every = -(-len(self.times) // KEPT)
-        series = ("times", "means", "growth")
-        kept = {
-            name: value[::-every][::-1].tolist() if name in series else value
-            for name, value in ((f.name, getattr(self, f.name)) for f in fields(self))
-        }
-        return kept | {"time_to_decide": self.time_to_decide}
+        return plain(self, "times", "means", "growth") | {"time_to_decide": self.time_to_decide}
 
 
 def report_of(
