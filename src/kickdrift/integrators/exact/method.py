@@ -59,7 +59,8 @@ class Exact(Method):
         if system.topology is not None and len(system.topology.scaled.pairs):
             i, j = system.topology.scaled.pairs[0].tolist()
             raise InputError(
-                f"{self.name}: sums all pairs alike, and the topology leaves out or scales pairs, as particles {i} and {j}"
+                f"{self.name}: sums all pairs alike, and the topology leaves out or scales pairs, "
+                f"as particles {i} and {j}"
             )
         from kickdrift.integrators.exact.stepper import ExactStepper
 
