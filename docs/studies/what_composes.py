@@ -54,7 +54,6 @@ REASONS = {  # words by the text of a refusal
     r"a heat bath makes no sense": "gravity has no equilibrium",
     r"which has no volume": "open space has no volume",
     r"does not scale with the box": "the force has no virial",
-    r"such a box takes other edges": "its places belong to the edges",
     r"needs a rectangular box": "a leaning box keeps its shape",
     r"returns its virial as one number|give only their whole virial": "the virial is one number",
     r"has unknowns beside the bodies|beside: takes neither mixed": "the force has unknowns",

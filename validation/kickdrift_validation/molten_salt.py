@@ -215,7 +215,7 @@ def melting_claims() -> Iterator[Claim]:
     """The melting point."""
     means = []
     for seed in range(RUNS):
-        temperatures, _ = coexistence(two_phases(10 * seed), 100_000)
+        temperatures, _ = coexistence(two_phases(10 * (seed + 1)), 50_000)
         means.append(temperatures[len(temperatures) // 3 :].mean())
     value, error = float(np.mean(means)), float(np.std(means, ddof=1) / math.sqrt(RUNS))
     text = f"{value:.0f}({error:.0f}) K"

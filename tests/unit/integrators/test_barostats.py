@@ -14,7 +14,7 @@ from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import settled
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.splitting.barostats.barostat import check_pressed
+from kickdrift.integrators.splitting.barostats.barostat import check_pressed, every_of
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.live_box import LiveBox, in_box
 from kickdrift.model.run_defaults import RunDefaults
@@ -323,6 +323,7 @@ def test_doubtful_choices_are_warnings():
         x.state.positions, x.state.velocities, box=x.box, forces=[kd.LennardJones(cutoff=1.5, truncation="cut")]
     )
     options = {"temperature": 1.0, "tau": 0.5, "pressure": 1.0, "pressure_tau": 0.02, "compressibility": 1e-4}
+    options["pressure_every"] = 10
     warned = kd.Simulation(system, "csvr", 0.004, **options).run(20).warnings
     assert "pressure_tau = 0.02 is 5 steps; use 10 steps or more" in warned
     assert any("pressure_tau = 0.02 is 0.5 actions of the barostat; use 5 or more" in line for line in warned)
@@ -330,6 +331,13 @@ def test_doubtful_choices_are_warnings():
     given = {**needed("nose-hoover"), "pressure": 1.0, "barostat": "mtk", "pressure_tau": 0.1, "pressure_every": 10}
     warned = kd.Simulation(system, "nose-hoover", 0.004, **given).run(20).warnings
     assert any("pressure_tau = 0.1 is 2.5 actions of the barostat; use 5 or more" in line for line in warned)
+
+
+def test_by_default_c_rescale_acts_ten_times_in_its_time_or_every_30_steps():
+    asked = [every_of("c-rescale", Options(dt=0.004, pressure_tau=tau)) for tau in (0.02, 0.4, 1.2, 5.0)]
+    assert asked == [1, 10, 30, 30]
+    assert every_of("c-rescale", Options(dt=0.004, pressure_tau=0.4, pressure_every=7)) == 7
+    assert (every_of("mtk", Options(dt=0.004, pressure_tau=0.4)), every_of("monte-carlo", Options(dt=0.004))) == (1, 10)
 
 
 def test_another_barostat_takes_what_it_knows_of_a_file():

@@ -241,6 +241,11 @@ def test_what_it_cannot_run_is_refused_by_name():
         kd.Simulation(oscillator, "leapfrog-exact", dt=0.1)
     with pytest.raises(InputError, match="compensated: leapfrog-exact does not take it"):
         kd.Simulation(fluid(), "leapfrog-exact", dt=0.1, compensated=True)
+    bonded = kd.System(
+        fluid().state.positions, box=fluid().box, forces=fluid().forces, topology=kd.Topology(exclusions=[(3, 5)])
+    )
+    with pytest.raises(InputError, match=r"leapfrog-exact: sums all pairs alike, .* as particles 3 and 5"):
+        kd.Simulation(bonded, "leapfrog-exact", dt=0.1)
     with pytest.raises(InputError, match="velocity-verlet has no method state"):
         kd.Simulation(fluid(), "velocity-verlet", dt=0.1).method_state
     method = kd.Simulation(fluid(), "leapfrog-exact", dt=0.1).method

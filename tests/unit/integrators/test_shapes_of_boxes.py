@@ -254,6 +254,10 @@ def test_positions_stay_continuous_when_the_box_takes_other_edges(tmp_path):
     assert np.abs(np.diff(tilts)).max() > 0.5
     assert np.abs(tilts).max() <= 0.5 + 1e-9
     assert np.abs(np.diff(positions, axis=0)).max() < 0.5
+    held = kd.Simulation(system.with_forces(*system.forces, kd.Restraint(1e-9)), "csvr", 0.002, **given)
+    why = "the tilt xy of the box is 0.5.*, more than a half, .* under force 'restraint': its reference positions"
+    with pytest.raises(RunError, match=why):
+        held.run(500)
 
 
 @pytest.mark.parametrize(

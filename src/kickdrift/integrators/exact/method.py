@@ -54,6 +54,12 @@ class Exact(Method):
                 raise InputError(
                     f"{self.name}: takes only pair forces and gravity with a formula; force {force.name!r} is a table"
                 )
+        if system.topology is not None and len(system.topology.scaled.pairs):
+            i, j = system.topology.scaled.pairs[0].tolist()
+            raise InputError(
+                f"{self.name}: sums all pairs alike, and the topology leaves out or scales pairs, "
+                f"as particles {i} and {j}"
+            )
         from kickdrift.integrators.exact.stepper import ExactStepper
 
         return ExactStepper(flow, options)

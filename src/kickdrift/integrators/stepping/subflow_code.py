@@ -157,10 +157,12 @@ def act_between(barostat, bound, start, done, dt, x, v, work, cursor):
     status = fill_with_sums(barostat, bound, t, x, v, work, cursor)
     if status != OK:
         return status
-    if call_subflow(code, parts, t, span, done, DECIDE, x, v) == TAKEN_BACK:
+    status = call_subflow(code, parts, t, span, done, DECIDE, x, v)
+    if status == TAKEN_BACK:
         copy_rows(barostat.kept, work)
+        status = OK
     place[PROPOSED], place[ACTED], cursor[FRESH] = 0, done + 1, 1
-    return OK
+    return status
 
 
 @jit

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 GROUPS = {"isotropic": (0, 0, 0), "semi-isotropic": (0, 0, 1), "per-axis": (0, 1, 2), FULL: (0, 0, 0)}
 FEWEST_ACTIONS, USUAL_ACTIONS = 5, 10  # in a time constant; the latter by default
-MOST_STEPS, USUAL_STEPS = 25, 10  # from one action to the next by default, of c-rescale and monte-carlo
+MOST_STEPS, USUAL_STEPS = 30, 10  # from one action to the next by default, of c-rescale and monte-carlo
 ALONG, SUMS = "along", "sums"  # names in a memory: virials along the axes; energy, virial and pairs
 OF_PAIRS = 2  # place of the number of pairs, which is nan if a force does not know it
 FAR = 0.15  # largest difference of two stretches of a box that holds its shape
