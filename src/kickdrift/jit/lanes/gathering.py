@@ -4,6 +4,7 @@ Rows of numbers are loaded whole and transposed, faster than LLVM's gathers. A t
 a table of float32 lanes of float32.
 """
 
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -273,6 +274,48 @@ def add_picked(typingctx, array, offset, places, at, lanes):
 
     known = _plain(array) and lanes == lanes_type
     return (types.void(array, types.intp, places, types.intp, lanes), codegen) if known else None
+
+
+THREE = 3 * WIDTH  # numbers of eight groups of three
+
+
+@intrinsic
+def thirds(typingctx, array, place):
+    """Three lanes of the 24 numbers from ``place`` on: the first, second and third numbers of eight groups of three."""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        whole = builder.load(_three(builder, builder.gep(data, [args[1]])), align=8)
+        made = [_ordered(builder, whole, range(k, THREE, 3)) for k in range(3)]
+        return context.make_tuple(builder, sig.return_type, made)
+
+    return (types.UniTuple(lanes_type, 3)(array, types.intp), codegen) if _plain(array) else None
+
+
+@intrinsic
+def store_thirds(typingctx, array, place, first, second, third):
+    """Store three lanes where `thirds` finds them."""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        pair = builder.shuffle_vector(args[2], args[3], ir.Constant(ir.VectorType(I32, 2 * WIDTH), [*range(2 * WIDTH)]))
+        last = _ordered(builder, args[4], [*range(WIDTH)] * 2)
+        order = [k // 3 + WIDTH * (k % 3) for k in range(THREE)]
+        whole = builder.shuffle_vector(pair, last, ir.Constant(ir.VectorType(I32, THREE), order))
+        builder.store(whole, _three(builder, builder.gep(data, [args[1]])), align=8)
+        return context.get_dummy_value()
+
+    known = _plain(array) and first == second == third == lanes_type
+    return (types.void(array, types.intp, *3 * (lanes_type,)), codegen) if known else None
+
+
+def _three(builder: ir.IRBuilder, pointer: ir.Value) -> ir.Value:
+    return builder.bitcast(pointer, ir.VectorType(F64, THREE).as_pointer())
+
+
+def _ordered(builder: ir.IRBuilder, vector: ir.Value, order: Iterable[int]) -> ir.Value:
+    numbers = list(order)
+    return builder.shuffle_vector(vector, vector, ir.Constant(ir.VectorType(I32, len(numbers)), numbers))
 
 
 def _places(context: Any, builder: ir.IRBuilder, sig: Any, args: Any) -> list[Any]:

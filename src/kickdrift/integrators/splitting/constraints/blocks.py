@@ -18,6 +18,7 @@ from kickdrift.model.state import Floats
 
 OWN = 8  # rows of a constraint in the room besides its band: separations before and after, residual and sum
 WORTH_CHUNKS = 64  # blocks
+APART, OTHER = -1, -2
 
 
 class Held(NamedTuple):
@@ -25,6 +26,8 @@ class Held(NamedTuple):
 
     first: NDArray[np.int64]  # (blocks + 1,) constraints before each block
     band: NDArray[np.int64]  # (blocks,) entries of the matrix on each side of the diagonal
+    triangles: NDArray[np.int64]  # (blocks,) for triangles with the sides ab, ac and bc, the first of 24 particles that
+    # follow one another, or `APART`; `OTHER` for all else
     entry: NDArray[np.int64]  # (blocks + 1,) rows of `coupling` before each block
     one: NDArray[np.int64]  # (rows, 8) first particle of each pair
     other: NDArray[np.int64]  # (rows, 8) second particle
@@ -59,13 +62,16 @@ def held(constraints: Constraints, masses: Floats, threads: int) -> Held:
     width = np.zeros(int(of.max()) + 1, np.int64)
     np.maximum.at(width, of[pairs.row], np.abs(place[pairs.row] - place[pairs.col]))
     names, begin, count = np.unique(of[order], return_index=True, return_counts=True)
+    three = _ordered_triangles(order, begin, count, constraints.pairs)
     blocks: list[tuple[int, int, NDArray[np.int64]]] = []  # constraints, band, (8, constraints) numbers of these
     copies: list[int] = []
-    for size, band in np.unique(np.column_stack([count, width[names]]), axis=0).tolist():
-        alike = begin[(count == size) & (width[names] == band)]
+    triangles: list[int] = []
+    for size, band, form in np.unique(kinds := np.column_stack([count, width[names], three]), axis=0).tolist():
+        alike = begin[(kinds == (size, band, form)).all(axis=1)]
         for some in np.split(alike, range(WIDTH, len(alike), WIDTH)):
             copies.append(WIDTH - len(some))
             some = np.append(some, np.full(copies[-1], some[-1]))
+            triangles.append(_first_of(constraints.pairs[order[some[:, None] + np.arange(2)]]) if form else OTHER)
             blocks.append((size, band, order[some[:, None] + np.arange(size)]))
     chosen = np.ascontiguousarray(np.concatenate([lanes.T for *_, lanes in blocks]))
     lanes = np.arange(WIDTH)
@@ -75,6 +81,7 @@ def held(constraints: Constraints, masses: Floats, threads: int) -> Held:
     return Held(
         np.concatenate([[0], np.cumsum([size for size, *_ in blocks])]).astype(np.int64),
         np.array([band for _, band, _ in blocks], np.int64),
+        np.array(triangles),
         np.concatenate([[0], np.cumsum(entries)]).astype(np.int64),
         i[chosen],
         j[chosen],
@@ -88,6 +95,29 @@ def held(constraints: Constraints, masses: Floats, threads: int) -> Held:
         np.zeros(len(blocks)),
         np.zeros(len(blocks), np.int64),
     )
+
+
+def _first_of(sides: NDArray[np.int64]) -> int:
+    """The first particle of eight triangles, by their sides ab and ac (8, 2, 2), if all follow one another, else
+    `APART`."""
+    corners = np.column_stack([sides[:, 0], sides[:, 1, 1]]).ravel()
+    return int(corners[0]) if (np.diff(corners) == 1).all() else APART
+
+
+def _ordered_triangles(
+    order: NDArray[np.int64], begin: NDArray[np.int64], count: NDArray[np.int64], pairs: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Whether each molecule is a triangle with the sides ab, ac and bc; ``order`` is changed to have them so."""
+    found = count == 3
+    places = begin[found][:, None] + np.arange(3)
+    numbers = order[places]
+    first, second = pairs[numbers].transpose(2, 0, 1)  # (2, molecules, 3)
+    numbers = np.take_along_axis(numbers, np.lexsort((second, first), axis=1), axis=1)
+    first, second = pairs[numbers].transpose(2, 0, 1)
+    closed = (first[:, 0] == first[:, 1]) & (second[:, 0] == first[:, 2]) & (second[:, 1] == second[:, 2])
+    order[places[closed]] = numbers[closed]
+    found[found] = closed
+    return found
 
 
 def _banded(coupling: Any, lanes: NDArray[np.int64], band: int) -> Floats:
