@@ -283,6 +283,46 @@ def test_custom_forces_without_a_law_are_named():
     refused(theirs, None, x, "kickdrift has no interaction groups")
 
 
+def test_a_system_goes_to_gromacs_and_back(alanine, tmp_path):
+    topology, x = alanine
+    theirs = built(topology, "amber14-all.xml")
+    ours = kd.System.from_openmm(theirs, topology, x)
+    files = ours.to_gromacs(tmp_path / "alanine.top")
+    assert [each.name for each in files] == ["alanine.top", "alanine.gro"]
+    again = kd.load(files.top, coordinates=files.gro, rigid="none")
+    assert again.species == ours.species
+    assert not again.box.periodic
+    assert np.abs(again.state.positions - ours.state.positions).max() < 1e-12
+    read = app.GromacsTopFile(str(files.top)).createSystem(rigidWater=False, removeCMMotion=False)
+    energies, expected = (energies_of(context_of(each, x), each) for each in (read, theirs))
+    assert energies == pytest.approx(expected, rel=1e-12)
+    with pytest.raises(kd.InputError, match="exists already"):
+        ours.to_gromacs(tmp_path / "alanine.top")
+    with pytest.raises(kd.InputError, match=r"to_gromacs: force 'cmap' has no counterpart"):
+        kd.System.from_openmm(built(topology, "amber19-all.xml"), topology, x).to_gromacs(tmp_path / "b.top")
+    with pytest.raises(kd.InputError, match=r"expected a name that ends in .top or .gro"):
+        ours.to_gromacs(tmp_path / "alanine")
+
+
+@pytest.mark.parametrize("file", ["tip3p.xml", "tip4pew.xml"])
+def test_rigid_water_goes_to_gromacs_and_back(file, water, tmp_path):
+    """Equal molecules are written once, with constraints, charges and virtual sites."""
+    made = app.Modeller(water[0], water[1] * unit.nanometer)
+    made.addExtraParticles(app.ForceField(file))
+    x = np.array(made.positions.value_in_unit(unit.nanometer))
+    more = {"nonbondedMethod": app.PME, "nonbondedCutoff": 0.6, "ewaldErrorTolerance": 1e-6}
+    theirs = built(made.topology, file, rigidWater=True, **more)
+    ours = kd.System.from_openmm(theirs, made.topology, x)
+    files = ours.to_gromacs(tmp_path / "water.top")
+    assert "[ molecules ]\nM1 64\n" in files.top.read_text()
+    frame = app.GromacsGroFile(str(files.gro))
+    read = app.GromacsTopFile(str(files.top), periodicBoxVectors=frame.getPeriodicBoxVectors())
+    read = read.createSystem(rigidWater=False, removeCMMotion=False, **more)
+    assert read.getNumConstraints() == theirs.getNumConstraints()
+    energies, expected = (energies_of(context_of(each, ours.state.positions), each) for each in (read, theirs))
+    assert energies["NonbondedForce"] == pytest.approx(expected["NonbondedForce"], rel=1e-9)
+
+
 def test_rigid_water_by_mesh_is_that_of_openmm(water):
     """OpenMM averages the energy beyond the cutoff over N (N + 1) / 2 pairs, kickdrift over N^2 / 2."""
     topology, x = water
