@@ -7,6 +7,7 @@ import pytest
 from openmm import unit
 
 import kickdrift as kd
+from kickdrift.bridges.openmm.files import Asked, read
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.systemfile.reading import loads
 
@@ -293,8 +294,8 @@ def test_a_system_goes_to_gromacs_and_back(alanine, tmp_path):
     assert again.species == ours.species
     assert not again.box.periodic
     assert np.abs(again.state.positions - ours.state.positions).max() < 1e-12
-    read = app.GromacsTopFile(str(files.top)).createSystem(rigidWater=False, removeCMMotion=False)
-    energies, expected = (energies_of(context_of(each, x), each) for each in (read, theirs))
+    parts = read(files.top, Asked(files.gro, (), rigid="none"))
+    energies, expected = (energies_of(context_of(each, x), each) for each in (parts.system, theirs))
     assert energies == pytest.approx(expected, rel=1e-12)
     with pytest.raises(kd.InputError, match="exists already"):
         ours.to_gromacs(tmp_path / "alanine.top")
@@ -310,16 +311,13 @@ def test_rigid_water_goes_to_gromacs_and_back(file, water, tmp_path):
     made = app.Modeller(water[0], water[1] * unit.nanometer)
     made.addExtraParticles(app.ForceField(file))
     x = np.array(made.positions.value_in_unit(unit.nanometer))
-    more = {"nonbondedMethod": app.PME, "nonbondedCutoff": 0.6, "ewaldErrorTolerance": 1e-6}
-    theirs = built(made.topology, file, rigidWater=True, **more)
+    theirs = built(made.topology, file, rigidWater=True, nonbondedMethod=app.PME, nonbondedCutoff=0.6)
     ours = kd.System.from_openmm(theirs, made.topology, x)
     files = ours.to_gromacs(tmp_path / "water.top")
     assert "[ molecules ]\nM1 64\n" in files.top.read_text()
-    frame = app.GromacsGroFile(str(files.gro))
-    read = app.GromacsTopFile(str(files.top), periodicBoxVectors=frame.getPeriodicBoxVectors())
-    read = read.createSystem(rigidWater=False, removeCMMotion=False, **more)
-    assert read.getNumConstraints() == theirs.getNumConstraints()
-    energies, expected = (energies_of(context_of(each, ours.state.positions), each) for each in (read, theirs))
+    again = read(files.top, Asked(files.gro, (), 0.6, "none")).system
+    assert again.getNumConstraints() == theirs.getNumConstraints()
+    energies, expected = (energies_of(context_of(each, ours.state.positions), each) for each in (again, theirs))
     assert energies["NonbondedForce"] == pytest.approx(expected["NonbondedForce"], rel=1e-9)
 
 
