@@ -103,10 +103,9 @@ def _tabled(system: System) -> bool:
 def remarks(job: Job) -> list[str]:
     """How OpenMM's forces differ from those asked for."""
     system = without(job.system, IN_OPENMM)
-    if getattr(beside_charges(system), "tail", False) and len(system.species) > 1:
-        return [
-            "OpenMM averages the tail over N (N + 1) / 2 pairs: its energy and pressure differ by 1 / N of the tail"
-        ]
+    if getattr(beside_charges(system), "tail", False):
+        mixed = ", and averages it over N (N + 1) / 2 pairs, which differs by 1 / N" * (len(system.species) > 1)
+        return [f"OpenMM integrates the tail to about 1e-6 of it{mixed}"]
     if not _tabled(system):
         return []
     return [f"OpenMM takes the energy from tables of {POINTS:,} points, joined by cubics: forces agree to about 2e-8"]

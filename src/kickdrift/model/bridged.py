@@ -82,8 +82,8 @@ class Bridged:
         LAMMPS reads the input up to its first run, in a process of its own. Its box, particles, lists, styles and
         coefficients become the System, and the fixes nve, nvt, langevin, temp/csvr and shake the run's defaults and
         constraints. A species is a type's element or label, else its number. Pair styles: lj/cut, buck and born, also
-        with coul/long, lj/smooth/linear, mie/cut, morse, yukawa, gauss, soft, eam, sw and tersoff, with cutoffs of
-        pairs; any other becomes a `LammpsForce`. Bonds: harmonic, fene, morse. Angles:
+        with coul/long, lj/charmm/coul/long, lj/gromacs, lj/smooth/linear, mie/cut, morse, yukawa, gauss, soft, eam, sw
+        and tersoff, with cutoffs of pairs; any other becomes a `LammpsForce`. Bonds: harmonic, fene, morse. Angles:
         harmonic, cosine, charmm. Dihedrals: harmonic, charmm, fourier, opls, multi/harmonic. Impropers: harmonic, cvff.
         A UserWarning names what was left out.
 
@@ -188,8 +188,9 @@ class Bridged:
         ----------
         system : openmm.System
             With NonbondedForce, HarmonicBondForce, HarmonicAngleForce, PeriodicTorsionForce, RBTorsionForce,
-            CMAPTorsionForce, CustomBondForce, CustomAngleForce, CustomTorsionForce and CustomNonbondedForce whose
-            energies are those of kickdrift's laws, constraints, CMMotionRemover (which needs no counterpart), and
+            CMAPTorsionForce, CustomBondForce, CustomAngleForce, CustomTorsionForce and CustomNonbondedForce, which
+            become kickdrift's laws of the same energies or `FormulaBond`, `FormulaPair` and so on, constraints,
+            CMMotionRemover (which needs no counterpart), and
             MonteCarloBarostat, which becomes the run's default beside ``integrator``, or beside "baoa" with a friction
             of 1/ps. Its moves follow from the compressibility of water, 4.5e-5 per bar.
         topology : openmm.app.Topology, for elements and bonds; None if there is none

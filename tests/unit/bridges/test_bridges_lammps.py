@@ -146,6 +146,7 @@ def agree(system, there, energy=1e-6, force=1e-5, lumped=False):
     if lumped:  # LAMMPS counts scaled pairs in two terms, kickdrift in one
         for found in (energies, theirs):
             found["pair"] += found.pop("charges")
+            found["bonds"] += found.pop("angles")  # and Urey-Bradley terms among its angles
     for name, value in theirs.items():
         assert energies[name] == pytest.approx(value, rel=energy, abs=energy * scale * (name == "pair")), name
     f = there.rows("f")
@@ -185,6 +186,13 @@ def test_lennard_jones_in_a_leaning_box(tmp_path):
     steps_agree(system, there)
 
 
+def test_lennard_jones_that_gromacs_switches(tmp_path):
+    path = written(tmp_path, LEANING.replace("lj/cut 2.2", "lj/gromacs 1.6 2.2").replace("pair_modify shift yes\n", ""))
+    system, there = kd.System.from_lammps(path), Beside(path)
+    assert [force.name for force in system.forces] == ["formula-pair"]
+    agree(system, there)
+
+
 @pytest.mark.parametrize("solver", ["ewald 1e-11"])
 def test_charges_agree_with_lammps(solver, tmp_path):
     path = written(tmp_path, SALT.format(solver=solver))
@@ -193,10 +201,22 @@ def test_charges_agree_with_lammps(solver, tmp_path):
     steps_agree(system, there)
 
 
-@pytest.mark.parametrize("case", [AMBER, OPLS], ids=["amber", "opls"])
+CHARMM = {"pair": "lj/charmm/coul/long 5.0 7.0", "special": "charmm", "dihedral": "charmm",
+          "first": "1 0.18 3 0 0.5", "second": "2 1.4 2 180 1.0", "improper": "harmonic", "third": "1 8.5 12.0",
+          "more": "kspace_style ewald 1e-11\npair_modify table 0"}  # fmt: skip
+OF_CHARMM = {"angle_style harmonic": "angle_style charmm",
+             "angle_coeff 1 63.0 112.4": "angle_coeff 1 63.0 112.4 20.0 2.5",
+             "angle_coeff 2 70.0 105.5": "angle_coeff 2 70.0 105.5 0 0",
+             "pair_coeff 1 1 0.1094 3.39967": "pair_coeff 1 1 0.1094 3.39967 0.05 3.1"}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", [AMBER, OPLS, CHARMM], ids=["amber", "opls", "charmm"])
 def test_molecules_agree_with_lammps(case, tmp_path, monkeypatch):
     molecule(tmp_path, np.random.default_rng(2))
-    path = written(tmp_path, MOLECULES.format(**case))
+    text = MOLECULES.format(**case)
+    for old, new in OF_CHARMM.items() if case is CHARMM else ():
+        text = text.replace(old, new)
+    path = written(tmp_path, text)
     system, there = kd.System.from_lammps(path), Beside(path)
     agree(system, there, lumped=True)
     steps_agree(system, there)

@@ -7,6 +7,7 @@ import pytest
 from openmm import unit
 
 import kickdrift as kd
+from kickdrift.bridges.openmm.files import Asked, read
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.systemfile.reading import loads
 
@@ -281,6 +282,43 @@ def test_custom_forces_without_a_law_are_named():
     refused(theirs, None, x, r"it leaves out the pair \[0, 2\], and NonbondedForce does not")
     theirs.getForce(0).addInteractionGroup([0, 1], [2, 3])
     refused(theirs, None, x, "kickdrift has no interaction groups")
+
+
+def test_a_system_goes_to_gromacs_and_back(alanine, tmp_path):
+    topology, x = alanine
+    theirs = built(topology, "amber14-all.xml")
+    ours = kd.System.from_openmm(theirs, topology, x)
+    files = ours.to_gromacs(tmp_path / "alanine.top")
+    assert [each.name for each in files] == ["alanine.top", "alanine.gro"]
+    again = kd.load(files.top, coordinates=files.gro, rigid="none")
+    assert again.species == ours.species
+    assert not again.box.periodic
+    assert np.abs(again.state.positions - ours.state.positions).max() < 1e-12
+    parts = read(files.top, Asked(files.gro, (), rigid="none"))
+    energies, expected = (energies_of(context_of(each, x), each) for each in (parts.system, theirs))
+    assert energies == pytest.approx(expected, rel=1e-12)
+    with pytest.raises(kd.InputError, match="exists already"):
+        ours.to_gromacs(tmp_path / "alanine.top")
+    with pytest.raises(kd.InputError, match=r"to_gromacs: force 'cmap' has no counterpart"):
+        kd.System.from_openmm(built(topology, "amber19-all.xml"), topology, x).to_gromacs(tmp_path / "b.top")
+    with pytest.raises(kd.InputError, match=r"expected a name that ends in .top or .gro"):
+        ours.to_gromacs(tmp_path / "alanine")
+
+
+@pytest.mark.parametrize("file", ["tip3p.xml", "tip4pew.xml"])
+def test_rigid_water_goes_to_gromacs_and_back(file, water, tmp_path):
+    """Equal molecules are written once, with constraints, charges and virtual sites."""
+    made = app.Modeller(water[0], water[1] * unit.nanometer)
+    made.addExtraParticles(app.ForceField(file))
+    x = np.array(made.positions.value_in_unit(unit.nanometer))
+    theirs = built(made.topology, file, rigidWater=True, nonbondedMethod=app.PME, nonbondedCutoff=0.6)
+    ours = kd.System.from_openmm(theirs, made.topology, x)
+    files = ours.to_gromacs(tmp_path / "water.top")
+    assert "[ molecules ]\nM1 64\n" in files.top.read_text()
+    again = read(files.top, Asked(files.gro, (), 0.6, "none")).system
+    assert again.getNumConstraints() == theirs.getNumConstraints()
+    energies, expected = (energies_of(context_of(each, ours.state.positions), each) for each in (again, theirs))
+    assert energies["NonbondedForce"] == pytest.approx(expected["NonbondedForce"], rel=1e-9)
 
 
 def test_rigid_water_by_mesh_is_that_of_openmm(water):

@@ -1,11 +1,14 @@
 """Systems as inputs of LAMMPS: the way out and back has the same energies and forces to rounding."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
-from kickdrift.model.run_defaults import Equilibration
+from kickdrift.model.run_defaults import Equilibration, RunDefaults
 
 BOTH = [1.0, -1.0]
 
@@ -231,3 +234,20 @@ def test_files_are_replaced_on_request_alone(tmp_path, kickdrift, monkeypatch):
     status, _, said = kickdrift("export", "case.toml", "made.in", "--start", "2")
     assert status == 2
     assert "an input of LAMMPS has one --frame" in said
+
+
+def test_what_stays_behind_is_named(tmp_path):
+    run = {"integrator": "baoab", "dt": 0.001, "time": 0.01, "temperature": 1.0, "friction": 1.0, "barostat": "mtk"}
+    given = kd.System([[0, 0, 0], [1.5, 0, 0]], box=(9.0, 9.0, 9.0), forces=[kd.LennardJones(cutoff=2.5)],
+                      run=RunDefaults(**run, pressure=0.1))  # fmt: skip
+    staged = given.with_stages(kd.Stage("heat", run={"steps": 5}))
+    with pytest.warns(UserWarning, match="to_lammps: left out: barostat = mtk, pressure = 0.1, stage 'heat'"):
+        files = staged.to_lammps(tmp_path / "in.a")
+    assert files.input.read_text().endswith("run 10\n")
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    given = kd.System([[0, 0, 0], [1.5, 0, 0]], box=(9.0, 9.0, 9.0), forces=[kd.LennardJones(cutoff=2.5)])
+    place = Path("/proc") if sys.platform == "linux" else tmp_path / "none"
+    with pytest.raises(kd.InputError, match=r"in\.a: (cannot be written|there is no folder)"):
+        given.to_lammps(place / "in.a")

@@ -97,7 +97,7 @@ class Read(NamedTuple):
     def _given(self, word: str) -> list[list[str]]:
         """Words of all coefficients of a kind in commands and in the data files that they read."""
         found = [words for text in self.files for words in _lines(text, word)]
-        return found + self.all(f"{word}_coeff")
+        return found + [[each.strip("\"'") for each in words] for words in self.all(f"{word}_coeff")]
 
     @property
     def files(self) -> list[str]:
@@ -199,8 +199,9 @@ def _row(words: Sequence[str], size: int, style: str) -> Row:
 
 def _exact(row: Row, given: Sequence[Sequence[str]], paired: bool = False) -> Row:
     """The row with the digits of the input: its numbers as they end a line of coefficients, if they are the same to
-    LAMMPS' six digits. A line of a pair may leave out the cutoff, the last number."""
-    for part in (len(row.values), len(row.values) - 1) if paired else (len(row.values),):
+    LAMMPS' six digits. A line of a pair may leave out the cutoff, the last number, or the last two of four."""
+    count = len(row.values)
+    for part in range(count, count - (3 if count == 4 else 2), -1) if paired else (count,):
         for words in given if part else ():
             values = words[-part:]
             if len(values) == part and all(map(_same, values, row.values[:part])):

@@ -99,7 +99,9 @@ def _edges(frame: Any) -> Any:
     found = getattr(frame, "boxVectors", None)
     if found is None and hasattr(frame, "getPeriodicBoxVectors"):
         found = frame.getPeriodicBoxVectors()
-    return frame.topology.getPeriodicBoxVectors() if found is None and hasattr(frame, "topology") else found
+    if found is None and hasattr(frame, "topology"):
+        found = frame.topology.getPeriodicBoxVectors()
+    return None if found is None or not any(unit.norm(row)._value for row in found) else found  # zeros in a .gro
 
 
 def _settings(asked: Asked, periodic: bool) -> dict[str, Any]:

@@ -242,8 +242,9 @@ class Writer:
         slopes: list[str] = []
         if isinstance(node.op, ast.Add | ast.Sub):
             sign = "+" if isinstance(node.op, ast.Add) else "-"
-            slopes = [s for s in (a.slope, b.slope and f"{sign}{b.slope}") if s]
-            return self._step(f"{a.value} {sign} {b.value}", " ".join(slopes) or None)
+            second = b.slope and (f"-{b.slope}" if sign == "-" and not a.slope else b.slope)
+            slope = f"{a.slope} {sign} {second}" if a.slope and second else a.slope or second
+            return self._step(f"{a.value} {sign} {b.value}", slope)
         if isinstance(node.op, ast.Mult):
             slopes = [s for s in (a.slope and f"{a.slope} * {b.value}", b.slope and f"{a.value} * {b.slope}") if s]
             return self._step(f"{a.value} * {b.value}", " + ".join(slopes) or None)
@@ -294,13 +295,15 @@ class Writer:
         if name == "step":
             return self._step(self._choice(f"{terms[0].value} < 0.0", "0.0", "1.0"), None)
         if name == "select":
-            when = f"{terms[0].value} != 0.0"
+            of = terms[0].value
+            when = f"({of} < 0.0) | ({of} > 0.0)" if self.lanes else f"{of} != 0.0"  # lanes have no other way
             sloped = any(each.slope for each in terms[1:])
             slope = self._choice(when, *(each.slope or "0.0" for each in terms[1:])) if sloped else None
             return self._step(self._choice(when, terms[1].value, terms[2].value), slope)
-        (of,) = terms
-        made = self._step(f"math.{name}({of.value})", None)
-        return self._sloped(made, of.slope and f"({SLOPES[name].format(f=made.value, x=of.value)}) * {of.slope}")
+        (inside,) = terms
+        made = self._step(f"math.{name}({inside.value})", None)
+        slope = SLOPES[name].format(f=made.value, x=inside.value)
+        return self._sloped(made, inside.slope and f"({slope}) * {inside.slope}")
 
     def _choice(self, when: str, yes: str, no: str) -> str:
         return f"np.where({when}, {yes}, {no})" if self.lanes else f"{yes} if {when} else {no}"
