@@ -15,11 +15,11 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.odes import ODES
 from kickdrift.pages import linking
+from kickdrift.pages.equations import STEP
 from kickdrift.pages.image import Image
 from kickdrift.pages.linking import BASE, MISSING
 from kickdrift.pages.lowering import PLAIN_PROCESSOR
 from kickdrift.pages.page import built, write_page
-from kickdrift.pages.equations import STEP
 from kickdrift.pages.planets import ADDED, MOST_ADDED
 from kickdrift.pages.shipped import PAGES, double_pendulum, three_bodies
 from kickdrift.statistics.drift import drift, rounding_of
@@ -378,7 +378,7 @@ def test_a_page_finds_a_drift_where_the_report_finds_one(tmp_path):
 
 @pytest.mark.long
 def test_the_tangent_vector_of_lorenz_equations_grows_at_the_known_rate(tmp_path):
-    """0.9056, Sprott 2003, Chaos and Time-Series Analysis, table 4.1; and by kickdrift's own exponents from the same start."""
+    """0.9056: Sprott 2003, Chaos and Time-Series Analysis, appendix A."""
     states = in_node("chaos", tmp_path)
     assert "three-bodies dop853" in states
     rate = node_prints("growth.mjs", asset(tmp_path, "runtime.js"), str(tmp_path / "module.json"), "lorenz dop853")

@@ -20,7 +20,14 @@ from kickdrift.integrators.stepping.stepping import CompiledSteps, Regular, Reti
 from kickdrift.integrators.wisdom_holman import bodies as rows
 from kickdrift.integrators.wisdom_holman.corrector import corrector, undone
 from kickdrift.integrators.wisdom_holman.kernels import CORRECTION, KICKS, kernel_of
-from kickdrift.integrators.wisdom_holman.loop import enter, first_step, leave, listed_masses, shown_steps, wisdom_holman_loop
+from kickdrift.integrators.wisdom_holman.loop import (
+    enter,
+    first_step,
+    leave,
+    listed_masses,
+    shown_steps,
+    wisdom_holman_loop,
+)
 from kickdrift.jit.handle import address_of
 from kickdrift.jit.lanes.memory import aligned
 from kickdrift.jit.lanes.vectors import WIDTH
