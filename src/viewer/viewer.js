@@ -193,6 +193,7 @@ class View {
 
   show(places, speeds) {
     this.moments.present = {places, speeds};
+    this.runs = true;
     this.controls.clock.parentElement.classList.add("hidden");
     this.setFrame(this.frame);
   }
@@ -228,7 +229,8 @@ class View {
     const seconds = Math.min(took, 250) / 1000;
     if (this.plays) this.advanced(seconds);
     if (this.drawing.spin) this.turned(seconds);
-    const more = this.drawing.draw(now, took, this.plays);
+    const more = this.drawing.draw(now, took, this.plays || this.runs);
+    this.runs = false;
     this.oriented();
     if (this.plays) this.measured(now);
     if (more || this.plays) this.wake();

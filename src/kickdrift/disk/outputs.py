@@ -55,20 +55,26 @@ def refuse_outputs(
             if other == target or same_file(other, target):
                 raise InputError(f"{said}: --{name} names the same file")
         taken[target] = option
-        try:
-            with tempfile.TemporaryFile(dir=target.parent):
-                pass
-        except OSError as error:
-            raise InputError(f"{said}: cannot be written: {reason(error)}") from None
+        _try_folder(target.parent, said)
 
 
 def checked_target(
     output: str | os.PathLike[str], kind: Kind, overwrite: bool, inputs: Iterable[str | os.PathLike[str] | None] = ()
 ) -> Path:
-    """Checked path of a file to be written. Raises InputError for a wrong name, an existing file or a missing
-    folder."""
-    _checked(output, kind, overwrite, inputs, shown_path(output), "pass --overwrite (overwrite=True)")
+    """Checked path of a file to be written. Raises InputError for a wrong name, an existing file, and a folder that is
+    missing or takes no files."""
+    said = shown_path(output)
+    if target := _checked(output, kind, overwrite, inputs, said, "pass --overwrite (overwrite=True)"):
+        _try_folder(target.parent, said)
     return Path(output)
+
+
+def _try_folder(folder: Path, said: str) -> None:
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise InputError(f"{said}: cannot be written: {reason(error)}") from None
 
 
 def _checked(

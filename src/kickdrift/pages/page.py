@@ -72,7 +72,7 @@ def write_page(name: str, output: str | os.PathLike[str], *, overwrite: bool = F
         written.
     """
     page = page_of(name)
-    target = checked_target(output, PAGE, overwrite, [])
+    target = checked_target(output, PAGE, overwrite, [name])
     scripts = "\n".join(_asset(each).replace("export ", "") for each in (*SHARED, page.script))
     shown = page.shown() if page.shown else {}
     text = TEXT.format(

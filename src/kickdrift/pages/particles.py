@@ -122,7 +122,7 @@ def run_of(module: Module, system: System, name: str, options: dict[str, float])
         if isinstance(force, PairKernel):
             for each in WRITTEN_FIRST:
                 getattr(force.pairs, each)[...] = 0  # a page holds no chance numbers
-    begin = stepper.begin_at if hasattr(stepper, "compiled_start") else stepper.reset  # no driver may run here
+    begin = getattr(stepper, "begin_at", stepper.reset)  # no driver may run here
     begin(y, 0.0, 0)
     return module.runs(system, stepper, flow.forces) | {"options": options}
 

@@ -11,6 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.integrators.runge_kutta.method import Tableau
 from kickdrift.model.problem import Problem
+from kickdrift.model.state import State
 from kickdrift.odes import ODES
 from kickdrift.pages.equations import checked_problem, compared, own_runs, shown_problem, stepper_of
 from kickdrift.pages.module import Module
@@ -90,13 +91,15 @@ def _three_bodies(t: float, y: Any) -> Any:
 
 
 def three_bodies(y0: Sequence[float] | None = None) -> Problem:
-    """Three bodies of mass 1 in a plane where G = 1; y is three positions and three velocities. They begin on the figure
-    eight, a periodic orbit, unless ``y0`` says otherwise.
+    """Three bodies of mass 1 in a plane where G = 1; y is three positions and three velocities.
+
+    They begin on the figure eight, a periodic orbit, unless ``y0`` says otherwise.
 
     Source: Chenciner & Montgomery 2000, doi:10.2307/2661357."""
-    if y0 is None:
-        y0 = load("figure-eight").state.phase.transpose(0, 2, 1)[:, :, :2].ravel()  # type: ignore[union-attr]
-    return Problem(_three_bodies, y0, name="three-bodies")
+    eight = load("figure-eight").state
+    assert isinstance(eight, State)
+    start = eight.phase.transpose(0, 2, 1)[:, :, :2].ravel() if y0 is None else y0
+    return Problem(_three_bodies, start, name="three-bodies")
 
 
 def _chaos(module: Module) -> dict[str, Any]:
@@ -146,7 +149,7 @@ PAGES = {
     ),
     "chaos": Page(
         "How fast do neighbours part?",
-        "Two copies of a double pendulum, three bodies, a star in a galaxy or the Lorenz equations that begin almost alike.",
+        "Two copies of a double pendulum, three bodies, a star or the Lorenz equations that begin almost alike.",
         "chaos.js",
         _chaos,
         "import kickdrift as kd\n"

@@ -15,11 +15,14 @@ from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.odes import ODES
 from kickdrift.pages import linking
+from kickdrift.pages.equations import STEP
 from kickdrift.pages.image import Image
 from kickdrift.pages.linking import BASE, MISSING
 from kickdrift.pages.lowering import PLAIN_PROCESSOR
 from kickdrift.pages.page import built, write_page
-from kickdrift.pages.shipped import PAGES, STEP, double_pendulum
+from kickdrift.pages.planets import ADDED, MOST_ADDED
+from kickdrift.pages.shipped import PAGES, double_pendulum, three_bodies
+from kickdrift.statistics.drift import drift, rounding_of
 from kickdrift.view.page import bundle
 from tests.processes import python
 
@@ -28,7 +31,7 @@ NATIVE = """
 import json, sys
 import kickdrift as kd
 from kickdrift.odes import ODES
-from kickdrift.pages.shipped import COMPARED, STEP, fixed_step_methods
+from kickdrift.pages.equations import COMPARED, STEP, fixed_step_methods
 found = {}
 for name in [f"{problem} {method}" for problem in COMPARED for method in fixed_step_methods()]:
     problem, method = name.split()
@@ -41,14 +44,13 @@ print(json.dumps(found))
 
 def test_an_unknown_page_is_named(tmp_path):
     with pytest.raises(
-        InputError, match=r"page 'gas' is unknown; pages: which-integrator, stability, chaos, liquid, or a"
+        InputError, match=r"page 'gas' is unknown; pages: which-integrator, stability, chaos, liquid, planets, or a"
     ):
         write_page("gas", tmp_path / "page.html")
 
 
 WRONG = {
     "copper-864": "page 'copper-864': force 'eam' stays outside; a page holds pair laws, gravity and laws of fields",
-    "ode-arenstorf": "page 'ode-arenstorf': has equations, and a page of one's own holds particles",
 }
 
 
@@ -62,6 +64,43 @@ def test_a_page_holds_no_fixed_particles_and_no_tables(tmp_path):
         path.write_text(system.with_run(dt=0.01).to_toml(), encoding="utf-8")
         with pytest.raises(InputError, match=reason):
             write_page(str(path), tmp_path / "page.html")
+
+
+OWN = """
+def f(t, y):
+    return [-k * each for k, each in enumerate(y)]
+
+y0 = [1.0] * {count}
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (OWN.format(count=101), "has 101 unknowns; a page holds 100"),
+        (
+            "import kickdrift as kd\nproblem = kd.Problem(lambda t, y: [-y[0]], [1.0], compiled=False)\n",
+            "has compiled=False; a page holds compiled functions alone",
+        ),
+    ],
+)
+def test_equations_that_a_page_cannot_hold_are_refused_with_their_reason(text, reason, tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=f"own.py'?: {reason}"):
+        write_page(str(path), tmp_path / "page.html")
+    assert list(tmp_path.glob("*.html")) == []
+
+
+def test_the_output_is_checked_before_anything_is_built(tmp_path, monkeypatch):
+    monkeypatch.setattr("kickdrift.pages.page.built", lambda name: pytest.fail("built"))
+    for output, reason in (
+        (tmp_path / "page.txt", "ends in .txt|must end in .html|expected"),
+        (tmp_path / "none" / "page.html", "there is no folder"),
+        (Path("/proc/page.html"), "cannot be written"),
+    ):
+        with pytest.raises(InputError, match=reason):
+            write_page("stability", output)
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -121,6 +160,16 @@ SHOWN = {  # values for the lines in Python
     },
     "liquid": {"cutoff": "2.5", "method": "velocity-verlet", "dt": 0.004, "options": "", "steps": 20, "every": 10},
 }
+
+
+ONE_MORE = """\
+sim.run(10)
+system = sim.now().with_body("new 1", mass=0.001,
+    position=[3.5, 3.5, 1.5],
+    velocity=[-2.0, 1.7, 0.7])
+sim = kd.Simulation(system, "wisdom-holman", dt=0.005)
+"""
+SHOWN["planets"] = {"method": "wisdom-holman", "dt": 0.005, "lines": ONE_MORE}
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -231,6 +280,119 @@ def test_the_liquid_has_the_bits_of_this_machine_in_node_and_in_a_browser(tmp_pa
     shown = in_browser(tmp_path)
     for name, y in states.items():
         assert shown[name] == y, name
+
+
+PLANETS = """
+import json
+import kickdrift as kd
+from kickdrift.pages.planets import ADDED, METHODS, MOST_ADDED, PLACES, SYSTEM
+found = {}
+for count in range(MOST_ADDED + 1):
+    for kind, mass in ADDED.items() if count else [("", 0.0)]:
+        system = kd.load(SYSTEM)
+        for k, place in enumerate(PLACES[:count]):
+            system = system.with_body(f"new {k + 1}", mass=mass, a=place)
+        for name in METHODS:
+            sim = kd.Simulation(system, name, dt=system.run.dt)
+            sim.run(STEPS)
+            found[f"{name}|{count}|{kind}"] = sim.state.phase.ravel().tolist()
+print(json.dumps(found))
+"""
+
+
+@pytest.mark.long
+def test_planets_move_as_on_this_machine_in_node_and_in_a_browser(tmp_path):
+    """By leapfrog with the same bits, and by Wisdom-Holman to 1e-12 of the solar system's size; 1000 steps."""
+    found = in_node("planets", tmp_path)
+    native = python(f"STEPS = {STEPS}\n" + PLANETS, **PLAIN_PROCESSOR)
+    assert native.returncode == 0, native.stderr
+    states = json.loads(native.stdout)
+    assert set(found) == set(states)
+    assert len(states) == 2 * (1 + MOST_ADDED * len(ADDED))
+    shown = in_browser(tmp_path)
+    for name, y in states.items():
+        assert found[name]["status"] == 0
+        assert shown[name] == found[name]["y"], name
+        if name.startswith("velocity-verlet"):
+            assert found[name]["y"] == y, name
+        else:
+            np.testing.assert_allclose(found[name]["y"], y, rtol=0, atol=1e-12 * max(map(abs, y)), err_msg=name)
+
+
+@pytest.mark.long
+def test_a_page_of_ones_own_equations_moves_as_on_this_machine(tmp_path):
+    path = tmp_path / "own.py"
+    path.write_text(OWN.format(count=3) + "args = ()\n", encoding="utf-8")
+    found = in_node(str(path), tmp_path)
+    assert set(found) == {"problem euler", "problem midpoint", "problem rk4"}
+    code = f"""
+from kickdrift.systemfile.python_file import load_or_run
+import json, kickdrift as kd
+problem, found = load_or_run({str(path)!r}), {{}}
+for name in ("euler", "midpoint", "rk4"):
+    sim = kd.Simulation(problem, name, dt={STEP})
+    sim.run({STEPS})
+    found["problem " + name] = sim.state.y.tolist()
+print(json.dumps(found))
+"""
+    native = python(code, **PLAIN_PROCESSOR)
+    assert native.returncode == 0, native.stderr
+    for name, y in json.loads(native.stdout).items():
+        assert found[name]["y"] == y, name
+
+
+def asset(folder, name):
+    """A script of the pages as a module for node."""
+    place = folder / name.replace(".js", ".mjs")
+    place.write_text((files("kickdrift.pages") / "assets" / name).read_text(encoding="utf-8"), encoding="utf-8")
+    return str(place)
+
+
+def node_prints(script, *args):
+    """What a script beside this test prints in node, as JSON."""
+    done = subprocess.run(
+        [shutil.which("node"), str(Path(__file__).with_name(script)), *args], capture_output=True, text=True, check=True
+    )
+    return json.loads(done.stdout)
+
+
+@pytest.mark.long
+def test_a_page_finds_a_drift_where_the_report_finds_one(tmp_path):
+    """All other verdicts agree too, but for the report's doubts, which a page calls bounded."""
+    in_node("which-integrator", tmp_path)
+    found = node_prints(
+        "verdicts.mjs", asset(tmp_path, "runtime.js"), asset(tmp_path, "verdict.js"), str(tmp_path / "module.json")
+    )
+    assert len(found) > 140
+    doubts = 0
+    for each in found:
+        errors = np.array(each["errors"])
+        report = drift(np.arange(len(errors)), errors, rounding_of(1.0, each["steps"])).verdict
+        expected = "unreliable" if np.abs(errors).max() > 0.1 else report
+        if expected in ("random walk", "not resolvable"):
+            doubts += 1
+            expected = "bounded"
+        assert each["verdict"] == expected, each["name"]
+    assert doubts < 12
+
+
+@pytest.mark.long
+def test_the_tangent_vector_of_lorenz_equations_grows_at_the_known_rate(tmp_path):
+    """0.9056: Sprott 2003, Chaos and Time-Series Analysis, appendix A."""
+    states = in_node("chaos", tmp_path)
+    assert "three-bodies dop853" in states
+    rate = node_prints("growth.mjs", asset(tmp_path, "runtime.js"), str(tmp_path / "module.json"), "lorenz dop853")
+    assert abs(rate - 0.9056) < 0.01
+
+
+def test_three_bodies_move_as_the_shipped_figure_eight():
+    system = kd.load("figure-eight")
+    one = kd.Simulation(system, "rk4", dt=0.001)
+    other = kd.Simulation(three_bodies(), "rk4", dt=0.001)
+    one.run(1000)
+    other.run(1000)
+    x = other.state.y.reshape(2, 3, 2)
+    np.testing.assert_allclose(x, one.state.phase.transpose(0, 2, 1)[:, :, :2], rtol=0, atol=1e-12)
 
 
 @pytest.mark.long
