@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.external.lammps_data import DataFile
 from kickdrift.engines.fields import PositionRestraint
 from kickdrift.engines.forces import LAWS, split, strange
 from kickdrift.engines.job import Job
@@ -15,6 +14,7 @@ from kickdrift.engines.rigid import rigid_items
 from kickdrift.engines.special import Special, special_of
 from kickdrift.engines.tables import POINTS, PairTable, written
 from kickdrift.forces import PeriodicDihedral, PeriodicImproper
+from kickdrift.forces.external.lammps_data import DataFile
 from kickdrift.model.box.box import Box
 from kickdrift.model.molecules.relatives import Ids, measured
 from kickdrift.model.molecules.topology import SIZES

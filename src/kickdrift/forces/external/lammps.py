@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 UNITS = {"lj": "lj", "nbody": "lj", "metal": "metal", "real": "real"}  # LAMMPS' names of unit systems
 RENEWAL = {"lj": 0.15, "nbody": 0.15, "metal": 0.5, "real": 0.5}  # lengths; the skin of LAMMPS' lists is twice as long
-ALONG_BONDS = tuple(f"{kind}_{word}" for kind in ("bond", "angle", "dihedral", "improper") for word in ("style", "coeff"))
+ALONG_BONDS = tuple(
+    f"{kind}_{word}" for kind in ("bond", "angle", "dihedral", "improper") for word in ("style", "coeff")
+)
 COMMANDS = ("pair_modify", "kspace_style", "kspace_modify", "special_bonds", "dielectric", *ALONG_BONDS)
 FINEST = 1e-12  # accuracy of kspace_style, below which LAMMPS' sums have no end
 PLAIN = frozenset(
@@ -153,7 +155,9 @@ class LammpsForce(Field):
             raise InputError(f"{self.name}: {key}: expected one line of plain words, got {shown(line)}")
         for word in words:
             if word.lower().lstrip("+-") in ("nan", "inf", "infinity") or math.isinf(number_of(word)):
-                raise InputError(f"{self.name}: {key}: expected finite numbers, got {shown(word)}")  # LAMMPS would crash
+                raise InputError(
+                    f"{self.name}: {key}: expected finite numbers, got {shown(word)}"
+                )  # LAMMPS would crash
             if os.path.exists(word):
                 refuse_unfit(word, "a file of a potential")  # a pipe would wait for ever, and a device may have no end
         if key == "commands":
@@ -188,7 +192,9 @@ class LammpsForce(Field):
         if self.atom_style == "charge" and system.charges is None:
             raise InputError(f"{self.name}: atom_style charge needs particles with charges")
         if system.topology is not None and len(system.topology.exclusions):
-            raise InputError(f"{self.name}: LAMMPS leaves out pairs by their bonds alone, and the topology has exclusions")
+            raise InputError(
+                f"{self.name}: LAMMPS leaves out pairs by their bonds alone, and the topology has exclusions"
+            )
         check_massive(self.name, system, range(len(system)))
         self._host(system).open()
 

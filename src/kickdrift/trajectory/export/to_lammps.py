@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.external.lammps_data import DataFile, flags_of
 from kickdrift.disk.kinds import LAMMPS_HEADING
 from kickdrift.errors import InputError
+from kickdrift.forces.external.lammps_data import DataFile, flags_of
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.state import Floats
