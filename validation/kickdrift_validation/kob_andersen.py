@@ -79,7 +79,7 @@ def beside_lammps() -> list[Claim]:
     sim = kd.Simulation(start(STATES[0]), "velocity-verlet", dt=DT)
     sim.advance(300)
     now = sim.system.at(sim.state.phase, 0.0)
-    ours, theirs = (kd.Simulation(now, dt=DT, engine=engine) for engine in ("kickdrift", "lammps"))
+    ours, theirs = (kd.Simulation(now, dt=DT, engine=engine) for engine in ("native", "lammps"))
     one, other = ours.sample(), theirs.sample()
     forces = theirs.forces()
     found = max(

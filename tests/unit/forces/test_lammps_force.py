@@ -135,10 +135,8 @@ def test_a_snippet_of_an_input_acts_along_the_bonds_of_the_topology():
     ).repeated(12)
     own = [
         kd.LennardJones(cutoff=2.5, truncation="cut"),
-        kd.HarmonicBond(
-            types={"stiff": {"stiffness": 300.0, "length": 1.0}, "soft": {"stiffness": 50.0, "length": 1.1}}
-        ),
-        kd.HarmonicAngle(stiffness=10.0, angle=120.0),
+        kd.HarmonicBond(300.0, 1.0, types={"stiff": {}, "soft": {"stiffness": 50.0, "length": 1.1}}),
+        kd.HarmonicAngle(10.0, 120.0),
     ]
     made = [
         kd.System(x, masses=1.0, box=[7.0, 6.0, 5.5], forces=forces, units="lj", topology=chains)
@@ -183,7 +181,9 @@ def test_energy_and_virial_are_summed_for_samples_alone(monkeypatch):
 
 def test_exclusions_are_refused():
     x = [[0.0, 0, 0], [1.2, 0, 0]]
-    with pytest.raises(InputError, match=r"lammps: the topology has exclusions, and LAMMPS leaves out pairs by"):
+    with pytest.raises(
+        InputError, match=r"lammps: LAMMPS leaves out pairs by their bonds alone, and the topology has exclusions"
+    ):
         kd.System(
             x, masses=1.0, forces=[kd.LammpsForce("lj/cut 2.5", "* * 1 1")], topology=kd.Topology(exclusions=[(0, 1)])
         )
