@@ -38,7 +38,7 @@ CASES = (
     Case("meam", ("* * library.meam Cu Cu.meam Cu",), ("Cu",), "fcc", 3.62, 3),
     Case("adp", ("* * Ni.adp Ni",), ("Ni",), "fcc", 3.52, 3),
     Case("hybrid/overlay zbl 4.0 4.8 snap",
-         ("1 1 zbl 74 74", f"* * snap {W}.snapcoeff {W}.snapparam W"), ("W",), "bcc", 3.18, 3),
+         ("1 1 zbl 74 74", f"* * snap {W}.snapcoeff {W}.snapparam W"), ("W",), "bcc", 3.18),
     Case("edip", ("* * Si.edip Si",), ("Si",)),
     Case("tersoff/zbl", ("* * SiC.tersoff.zbl Si C",), ("Si", "C"), constant=4.36),
     Case("tersoff/mod/c", ("* * Si.tersoff.modc Si",), ("Si",)),
@@ -52,10 +52,11 @@ SPEED = 300.0  # kelvin
 
 
 def system(case: Case) -> kd.System:
-    """A crystal with thermal velocities, whose species take turns."""
+    """A crystal with thermal velocities; two species have a sublattice each."""
     x, edges = lattice(case.kind, SITES[case.kind] * case.cells**3, SITES[case.kind] / case.constant**3)
-    species = [case.species[k % len(case.species)] for k in range(len(x))]
-    force = kd.LammpsForce(case.style, case.rows, atom_style="charge" if case.style in ("comb",) else None)
+    on = np.floor(4.0 * x[:, 0] / case.constant + 1e-6).astype(int) % len(case.species)
+    species = [case.species[k] for k in on.tolist()]
+    force = kd.LammpsForce(case.style, case.rows)
     start = kd.System(
         x, masses=[MASSES[each] for each in species], box=kd.Box(edges), forces=[force], units=case.units,
         species=species, charges=np.zeros(len(x)) if case.style.split()[0] in ("comb", "reaxff") else None,
@@ -78,8 +79,9 @@ def theirs(start: kd.System, case: Case) -> tuple[Any, list[float]]:
     masses = start.coherent_masses * lmp.extract_global("ftm2v")
     each = [float(masses[kinds == kind][0]) for kind in range(1, len(case.species) + 1)]
     for line in (
-        *(f"mass {kind} {mass!r}" for kind, mass in enumerate(each, 1)), f"pair_style {case.style}",
-        *(f"pair_coeff {row}" for row in case.rows), "neigh_modify every 1 delay 0 check yes",
+        f"pair_style {case.style}", *(f"pair_coeff {row}" for row in case.rows),
+        *(f"mass {kind} {mass!r}" for kind, mass in enumerate(each, 1)),  # in place of those of the potential's file
+        "neigh_modify every 1 delay 0 check yes",
         f"timestep {case.dt!r}", "thermo_modify norm no", "fix move all nve", "run 0 post no",
     ):  # fmt: skip
         lmp.command(line)

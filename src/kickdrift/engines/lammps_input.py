@@ -18,10 +18,11 @@ from kickdrift.engines.fields import without
 from kickdrift.engines.forces import beside_charges, coulomb_of, strange
 from kickdrift.engines.lammps import APART, modelled, refused
 from kickdrift.engines.lammps_model import FIXES, Model, Space, acting, bonded_commands, bonded_of, data_of
-from kickdrift.engines.special import Special, special_of
+from kickdrift.engines.special import special_of
 from kickdrift.errors import InputError
 from kickdrift.forces import LammpsForce
 from kickdrift.forces.charges.accuracy import TYPICAL
+from kickdrift.forces.external.lammps import ALONG_BONDS
 from kickdrift.forces.external.lammps_data import flags_of
 from kickdrift.forces.fields.restraint import Restraint
 from kickdrift.model.molecules.relatives import molecules_of
@@ -113,14 +114,14 @@ def _refusal(system: System) -> str | None:
         return f"{system.body(int(np.argmin(system.state.masses)))} has no mass, and LAMMPS needs one"
     if any(isinstance(force, Restraint) for force in system.forces):
         return "position restraints: LAMMPS takes the places of its own start; use fix spring/self there"
-    if _own(system) is not None:
+    if (own := _own(system)) is not None:
         if len(np.unique(np.column_stack([system.species_index, system.state.masses]), axis=0)) > len(system.species):
             return "force 'lammps': its types are the species, and particles of one species differ in mass"
-        system = system.under([force for force in system.forces if force is not _own(system)])
+        system = system.under([force for force in system.forces if force is not own])
         if not _alone(system):
             return "force 'lammps': LAMMPS takes one pair style, and the system has another pair force"
-        if special_of(system, None) != Special():
-            return "force 'lammps': the topology scales pairs, and LAMMPS' own style would; kickdrift's does not"
+        if along := [word for line in own.commands if (word := line.split()[0]) in ("special_bonds", *ALONG_BONDS)]:
+            return f"force 'lammps': {along[0]}: the input has types of bonds and factors of its own"
     if not _alone(system):
         return refused(system) or rigid.refusal(system)
     special = special_of(system, None)

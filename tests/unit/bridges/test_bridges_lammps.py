@@ -33,6 +33,7 @@ CRYSTALS = {
                             mass=60.0, style="eam/alloy", seed=5, coefficients="* * CuNi.eam.alloy Ni Cu"),
     "sw": CRYSTAL.format(style="sw", coefficients="* * Si.sw Si", **DIAMOND),
     "tersoff": CRYSTAL.format(style="tersoff", coefficients="* * Si.tersoff Si", **DIAMOND),
+    "tersoff/mod/c": CRYSTAL.format(style="tersoff/mod/c", coefficients="* * Si.tersoff.modc Si", **DIAMOND),
     "edip": CRYSTAL.format(style="edip", coefficients="* * Si.edip Si", **DIAMOND),
 }  # fmt: skip
 LEANING = """\
@@ -172,6 +173,7 @@ def test_many_body_styles_agree_with_lammps(name, tmp_path):
     assert type(system.forces[0]).__name__ == {
         "sw": "StillingerWeber",
         "tersoff": "Tersoff",
+        "tersoff/mod/c": "Tersoff",
         "edip": "LammpsForce",
     }.get(name, "EmbeddedAtom")
     agree(system, there)

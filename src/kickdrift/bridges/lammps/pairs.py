@@ -3,7 +3,8 @@
 LAMMPS' coul/dsf differs from kickdrift's damped-shifted law by a constant and in pairs that bonds scale, so it stays
 LAMMPS' own.
 
-A style without a counterpart becomes a `LammpsForce`, which gives LAMMPS the same commands at every step.
+A style without a counterpart becomes a `LammpsForce`, which gives LAMMPS the same commands at every step, and its
+factors of pairs along bonds.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ from kickdrift.text import choices
 LONG = "coul/long"
 LINEAR = "lj/smooth/linear"  # Lennard-Jones with truncation "force-shift"
 MESHES = ("pppm", "pppm/cg", "pppm/stagger")
-MANY_BODY = {"sw": StillingerWeber, "tersoff": Tersoff}
+FORMS = {"tersoff/mod": ".mod", "tersoff/mod/c": ".modc", "tersoff/zbl": ".zbl"}  # ends of names of their files
+MANY_BODY = {"sw": StillingerWeber, "tersoff": Tersoff} | dict.fromkeys(FORMS, Tersoff)
 EAM = ("eam", "eam/alloy", "eam/fs", "eam/he")
 SUFFIXES = ("/opt", "/omp", "/gpu", "/intel", "/kk")
 HARMLESS = {"table", "tabinner", "table/disp", "nofdotr", "mix", "shift", "tail"}  # of pair_modify
@@ -100,8 +102,7 @@ def pairs_of(read: Read, types: Types, kinds: NDArray[np.int64], given: Charges,
     elif name in (LONG, LINEAR) or _style(name) is not None:
         own = _plain(read, types, name, arguments, given, listed)
     if own is None:
-        own = [_in_lammps(read, types, given, factors or listed)]
-        return Pairs(own, None)
+        return Pairs([_in_lammps(read, types, bool(len(bonds)))], None)
     if listed:
         own.append(_listed(read, kinds, given, listed))
         factors = PLAIN if factors is None else factors
@@ -316,7 +317,7 @@ def _many_body(read: Read, types: Types, name: str) -> list[Any] | None:
             return None
         force: Any = EmbeddedAtom(potential(read, words[2]))
         elements = list(force.known)
-    elif len(elements) != types.every or "NULL" in elements:
+    elif len(elements) != types.every or "NULL" in elements or not words[2].strip("\"'").endswith(FORMS.get(name, "")):
         return None
     else:
         force = (
@@ -349,21 +350,17 @@ def _places(folder: Path, name: str) -> Iterator[Path]:
 # --- LAMMPS' own styles ---
 
 
-def _in_lammps(read: Read, types: Types, given: Charges, special: Any) -> LammpsForce:
+def _in_lammps(read: Read, types: Types, bonded: bool) -> LammpsForce:
     """The pair style in LAMMPS, whose types are the System's species in their order."""
     style = " ".join(read.last("pair_style"))
-    if special:
-        raise InputError(
-            f"pair_style {style}: has no counterpart in kickdrift that leaves out or scales pairs of bonded particles"
-        )
     rows = [*read.all("pair_coeff"), *_data_rows(read)]
     commands = [f"{word} {' '.join(words)}" for word in ("pair_modify", "kspace_style", "kspace_modify", "dielectric")
                 for words in read.all(word)]  # fmt: skip
-    if any(line.startswith("dielectric") for line in commands):
-        raise InputError(f"pair_style {style}: dielectric has no counterpart beside it")
-    charged = "charge" if given.charges is not None and given.charges.any() else "atomic"
+    if bonded:
+        lj, coul = (" ".join(f"{float(each)!r}" for each in read.told[f"special_{key}"][1:]) for key in ("lj", "coul"))
+        commands.append(f"special_bonds lj {lj} coul {coul}")
     coefficients = [" ".join(_found(read.folder, words)) for row in rows for words in renumbered(row, types)]
-    return LammpsForce(style, coefficients or "* *", commands, charged)
+    return LammpsForce(style, coefficients or "* *", commands)
 
 
 def _found(folder: Path, words: Sequence[str]) -> Iterator[str]:

@@ -121,7 +121,7 @@ class LammpsForce(Field):
             if not isinstance(given, list | tuple) or not all(isinstance(each, str) for each in given):
                 raise InputError(f"{self.name}: {key}: expected texts, got {shown(getattr(self, key))}")
         found: dict[str, list[str]] = {"pair_style": [self.pair_style] * bool(self.pair_style), "pair_coeff": [*rows]}
-        further = []
+        further: list[str] = []
         for line in lines:
             first, _, rest = line.strip().partition(" ")
             found.get(first, further).append(rest.strip() if first in found else line)

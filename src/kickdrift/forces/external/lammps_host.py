@@ -157,19 +157,19 @@ class LammpsHost(RenewedHost):
 
     def __init__(self, kept: Kept, *given: Any, **more: Any) -> None:
         super().__init__(kept, *given, **more)
-        self._kept = kept
+        self._instance = kept
         self._shift = np.zeros_like(self.parts.positions)
         self._leans = leans(self.box.matrix)  # LAMMPS' box, which never becomes rectangular again
 
     def open(self) -> None:
         """Let LAMMPS make the particles and read the commands, for the next host. Raises InputError with what it
         refuses."""
-        _ = self._kept.library
-        self._kept.leave()
+        _ = self._instance.library
+        self._instance.leave()
 
     def _find_atoms(self) -> None:
         """Find LAMMPS' arrays, and the places of the particles in them."""
-        lmp, n = self._kept.library.lmp, len(self._shift)
+        lmp, n = self._instance.library.lmp, len(self._shift)
         self._x, self._f, ids = (lmp.numpy.extract_atom(key)[:n] for key in ("x", "f", "id"))
         order = np.argsort(ids)
         self._order: Any = slice(None) if np.array_equal(order, np.arange(n)) else order
@@ -179,7 +179,7 @@ class LammpsHost(RenewedHost):
         """See RenewedHost."""
         before = self.box
         if self.box_now is not before:
-            library = self._kept.library
+            library = self._instance.library
             library.moved = True
             (a, _, _), (xy, b, _), (xz, yz, c) = self.box.matrix.tolist()
             if leans(self.box.matrix) and not self._leans:
@@ -191,7 +191,7 @@ class LammpsHost(RenewedHost):
 
     def calculate(self, anew: bool) -> None:
         """See RenewedHost."""
-        library, positions = self._kept.library, self.parts.positions
+        library, positions = self._instance.library, self.parts.positions
         if anew:
             box = self.box
             self._shift = np.where(box.periodic_axes, np.floor(box.fractional(positions)), 0.0) @ box.matrix
