@@ -114,11 +114,11 @@ def melts(folder: Path, steps: int) -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Every claim; ``long`` runs the melt ten times longer."""
+    """Every claim; ``long`` runs the melt fifteen times longer."""
     yield from walks()
     with tempfile.TemporaryDirectory() as folder:
         yield from ideal(Path(folder))
-        yield from melts(Path(folder), 600_000 if long else 60_000)
+        yield from melts(Path(folder), 600_000 if long else 40_000)
 
 
 if __name__ == "__main__":
