@@ -214,9 +214,9 @@ def folder(monkeypatch, tmp_path):
 def drawn_legends(monkeypatch, names, target) -> list[list[str]]:
     figures = []
 
-    def keep(figure, path):
+    def keep(figure, path, *more):
         figures.append(figure)
-        return save_figure(figure, path)
+        return save_figure(figure, path, *more)
 
     monkeypatch.setattr(plots_stability, "save_figure", keep)
     assert plots_stability.plot_stability(names, target) == target

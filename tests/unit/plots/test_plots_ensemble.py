@@ -40,9 +40,9 @@ def draw(tmp_path, monkeypatch):
     figures = []
     save = of.save_figure
 
-    def keep(figure, target):
+    def keep(figure, target, *more):
         figures.append(figure)
-        return save(figure, target)
+        return save(figure, target, *more)
 
     monkeypatch.setattr(of, "save_figure", keep)
 
