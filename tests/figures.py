@@ -13,9 +13,9 @@ def saved_by(monkeypatch: pytest.MonkeyPatch, plots: ModuleType) -> list[Any]:
     figures: list[Any] = []
     save = plots.save_figure
 
-    def keep(figure, target):
+    def keep(figure, target, *more):
         figures.append(figure)
-        return save(figure, target)
+        return save(figure, target, *more)
 
     monkeypatch.setattr(plots, "save_figure", keep)
     return figures

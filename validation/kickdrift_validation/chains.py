@@ -6,7 +6,8 @@ distribution. Their <R²> is N <b²>, their <Rg²> is N (N + 2) <b²> / (6 (N + 
 with D = k_B T / (n m friction).
 
 The melt begins as the walks of ``kickdrift new polymer``, with shorter chains. kickdrift and LAMMPS begin with other
-walks, push them apart, equilibrate and measure. Errors are by block averages.
+walks, push them apart, equilibrate and measure. Errors are by block averages. The mean bond is beside the literature
+alone: the baths of both programs have step errors of their own, of 0.2 % of the bond at this step.
 """
 
 import math
@@ -26,7 +27,7 @@ from kickdrift_validation.claim import Claim, at_most, main, not_run
 FLORY, BOLTZMANN = "the exact sum", "Boltzmann's distribution of a bond"
 CHAINS, LENGTH = 80, 10  # of the melt
 SPRING, FRICTION, IDEAL, BEADS = 100.0, 1.0, 100, 16
-MEASURED = ("end_to_end", "gyration", "contour", "persistence")
+MEASURED = ("end_to_end", "gyration", "persistence")
 
 
 def walks() -> Iterator[Claim]:
@@ -67,7 +68,7 @@ def ideal(folder: Path) -> Iterator[Claim]:
         mean = getattr(found, name)
         text = f"chains of {bonds} springs: {name} = {mean.value:.4f}({mean.error:.4f}) beside {value:.4f}, in errors"
         yield at_most(text, abs(float(mean.value) - value) / float(mean.error), 4.0, BOLTZMANN)
-    drift = kd.analysis.chain_diffusion(folder / "ideal.h5md", 400).diffusion(100.0, 399.0)
+    drift = kd.analysis.chain_diffusion(folder / "ideal.h5md", 101).diffusion(30.0, 100.0)
     value = 1.0 / (BEADS * FRICTION)
     text = f"their centres: D = {drift.value:.4f}({drift.error:.4f}) beside {value:.4f}, in errors"
     yield at_most(text, abs(drift.value - value) / drift.error, 4.0, "k_B T / (n m friction)")
@@ -114,11 +115,11 @@ def melts(folder: Path, steps: int) -> Iterator[Claim]:
 
 
 def claims(long: bool = False) -> Iterator[Claim]:
-    """Every claim; ``long`` runs the melt ten times longer."""
+    """Every claim; ``long`` runs the melt fifteen times longer."""
     yield from walks()
     with tempfile.TemporaryDirectory() as folder:
         yield from ideal(Path(folder))
-        yield from melts(Path(folder), 600_000 if long else 60_000)
+        yield from melts(Path(folder), 600_000 if long else 40_000)
 
 
 if __name__ == "__main__":

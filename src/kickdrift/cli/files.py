@@ -212,13 +212,12 @@ def show(
     frame: Frame = None,
 ) -> None:
     """Print a system file's text, to save and edit: kickdrift show lj-1000 > mine.toml. For a run's file: the system
-    of a frame, in the box of that moment, at time 0."""
+    of a frame, in the box and at the time of that moment."""
     if is_run(system):
-        found = system_of_frame(system, frame)
-        verbatim(found.at(found.state.phase, 0.0).to_toml())
+        verbatim(system_of_frame(system, frame).to_toml())
         return
     if frame is not None:
-        raise InputError(f"{system}: --frame is for the file of a run")
+        raise InputError(f"{system}: --frame is for the file of a run of particles")
     verbatim(parsed(find(system))[0])
 
 

@@ -102,7 +102,7 @@ def subject_of(
         refuse_files(name, files)
         return system_of_frame(name, frame)
     if frame is not None:
-        raise InputError(f"{name}: --frame is for the file of a run")
+        raise InputError(f"{name}: --frame is for the file of a run of particles")
     return load_or_run(name, seed, overlaps, **files)
 
 

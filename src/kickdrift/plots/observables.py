@@ -93,9 +93,9 @@ def _with_diffusion(name: str | None, found: MeanSquaredDisplacement, run: reade
         return name or ""
     d = found.diffusion()
     unit = measured("", draw.printed(f"{run.units.length}^2/{run.units.time}"))
-    error = f" ± {d.error:.1g}" if np.isfinite(d.error) else ", error unknown"
+    value = f"{d.value:.3g} ± {d.error:.1g}{unit}" if np.isfinite(d.error) else f"{d.value:.3g}{unit}, error unknown"
     window = f"slope from {d.window[0]:.3g} to {d.window[1]:.3g}"
-    return f"{name + ': ' if name else ''}D = {d.value:.3g}{error}{unit} ({window})"
+    return f"{name + ': ' if name else ''}D = {value} ({window})"
 
 
 def _velocities(run: reader.Run) -> list[Curve]:

@@ -189,7 +189,7 @@ class SystemTable(Table):
     units: str
     title: str = ""
     dimensions: Literal[2, 3] = 3
-    time: base.Moment | None = None
+    time: base.Start | None = None
     particles: ParticlesTable
     velocities: VelocitiesTable | None = None
     box: BoxTable = BoxTable()

@@ -47,7 +47,7 @@ class OneOrMore:
 
 Length = Annotated[float, BeforeValidator(In("length"))]
 Edge = Annotated[float, BeforeValidator(In("length", "positive"))]
-Moment = Annotated[float, BeforeValidator(In("time"))]
+Start = Annotated[float, BeforeValidator(In("time"))]
 Time = Annotated[float, BeforeValidator(In("time", "positive"))]
 Radius = Annotated[float, BeforeValidator(In("length", "non-negative"))]
 Mass = Annotated[float, BeforeValidator(In("mass", "non-negative"))]

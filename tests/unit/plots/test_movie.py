@@ -14,7 +14,7 @@ from PIL import Image
 
 import kickdrift as kd
 from kickdrift.plots import movie
-from kickdrift.plots.filmed import Bodies
+from kickdrift.plots.filmed import Bodies, Particles
 from kickdrift.plots.scene import Camera, view
 from tests.run_files import FRAMES, make_system, write
 
@@ -152,6 +152,25 @@ def test_a_film_of_planets_shows_the_ellipse_of_each_body(planets):
         np.testing.assert_allclose(np.hypot(*at), 1.0, atol=2e-3)  # leapfrog's error at the step of the run
         assert bodies.scene.reach > np.linalg.norm(centre) + np.linalg.norm(long)
     assert np.isnan(bodies.ellipses[:, 0]).all()
+
+
+def test_chains_have_bonds_within_the_box_and_one_colour_each(tmp_path):
+    """Two chains of three along x in a cube of 6; the second one leaves the box between its beads 4 and 5."""
+    x = [[1, 1, 1], [2, 1, 1], [3, 1, 1], [4, 4, 4], [5, 4, 4], [6.5, 4, 4]]
+    melt = kd.System(x, box=[6.0] * 3, forces=[kd.HarmonicBond(10.0, 1.0)], topology=kd.Topology.chains(2, 3))
+    kd.Simulation(melt, "velocity-verlet", dt=0.001).run(1, output=tmp_path / "melt.h5md")
+    with kd.open(tmp_path / "melt.h5md") as run:
+        film = Particles(run, [0], SIZE, Camera(), None, None)
+        assert film.colouring == "molecule"
+        frame = run[0]
+        places, radii, colours = film._with_bonds(frame.wrapped(), film.colours, frame.box)
+    assert len(np.unique(colours[:6], axis=0)) == 2
+    assert np.array_equal(colours[:3], np.tile(colours[0], (3, 1)))
+    sticks, per_bond = places[6:], (len(places) - 6) // 3  # three bonds of four: one crosses a face
+    assert len(sticks) == 3 * per_bond > 0
+    assert sticks[:, 0].max() < 5.0
+    assert (radii[6:] < radii[:6].min()).all()
+    assert kd.movie(tmp_path / "melt.h5md", tmp_path / "melt.gif", size=SIZE, colour="molecule").frames == 2
 
 
 def test_the_camera_sees_what_is_nearer_larger():

@@ -200,7 +200,7 @@ def test_the_energy_error_excludes_what_a_merger_takes_out(tmp_path, monkeypatch
     for draw in (plot_run, plot_orbits):
         monkeypatch.setattr(
             drawing, "save_figure",
-            lambda figure, target: titles.extend(
+            lambda figure, target, *more: titles.extend(
                 axes.get_title() for sub in (figure, *figure.subfigs) for axes in sub.axes
             ),
         )  # fmt: skip

@@ -98,7 +98,7 @@ def test_frames_are_spread_and_bounded(tmp_path, monkeypatch):
 def test_on_the_command_line(tmp_path):
     path = write(tmp_path / "run.h5md")
     done = CliRunner().invoke(app, ["plot", str(path), "--kind", "vacf"])
-    assert (done.exit_code, done.output.strip()) == (0, str(tmp_path / "run.png"))
+    assert (done.exit_code, done.stdout.strip()) == (0, str(tmp_path / "run.png"))
 
 
 def test_bad_input(tmp_path):

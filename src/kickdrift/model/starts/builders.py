@@ -248,6 +248,8 @@ def read_structure(
     boxed : whether the box is known from elsewhere; positions then stay as they are in the file
     atom_style : style of the atoms in a data file of LAMMPS, default the one in the file or a guess from its columns
     """
+    if why := unfit(path):
+        raise InputError(f"{why}: {path}")
     lammps = is_lammps_data(path)
     known = ("metal", "real", "lj", "si") if lammps else ("metal", "real", "gromacs", nominal_units(path))
     if units.name not in known:
@@ -256,8 +258,6 @@ def read_structure(
         raise InputError(
             f'structure files are in angstrom and u; expected units = "metal", "real" or "gromacs", got "{units.name}"'
         )
-    if why := unfit(path):
-        raise InputError(f"{why}: {path}")
     if atom_style and not lammps:
         raise InputError(f"atom_style is for data files of LAMMPS, and {path} is none")
     style = atom_style or (_style_with_bonds(path) if lammps else None)
