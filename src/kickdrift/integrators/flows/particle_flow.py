@@ -231,6 +231,12 @@ class ParticleFlow(ParticleStates):
 
     # --- samples ---
 
+    def pressure_of_motion(self, y: Floats, time: float) -> float:
+        """Pressure at y without that of the hits of hard spheres."""
+        one = Looks(room=1)
+        self.look(one, y, time, 0, self._ends)
+        return float(one.rows[0, PRESSURE])
+
     def _look_at(self, system: System) -> None:
         self._desk = desk_of(system)
         self._cursor = np.zeros(SLOTS, np.int64)
