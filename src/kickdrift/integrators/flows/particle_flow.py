@@ -357,7 +357,7 @@ class ParticleFlow(ParticleStates):
             return f"step {step} (t = {time:.6g}): {line}"
         return super().explain(y, before, good, step, time, good_step)
 
-    def meeting(self, y: Floats) -> str:
+    def meeting(self, y: Floats, time: float) -> str:
         """Name the nearest particles, for the end of a line about failed steps."""
         return nearest_pair(self.present, y[0])
 
