@@ -132,7 +132,7 @@ class EngineFlow(ParticleStates):
         """Start the program."""
         self.stepper.measure(time, y)
 
-    def meeting(self, y: Floats) -> str:
+    def meeting(self, y: Floats, time: float) -> str:
         """Return no text: the particles' places when the program stopped are not known."""
         return ""
 

@@ -284,7 +284,18 @@ class Integration:
         self.safe = Safe(self.y.copy(), self.time, self.steps_done, self.box)
 
     def sample(self) -> Sample:
-        return self.flow.sample(self.y, self.time, self.steps_done, self.fresh)
+        found = self.flow.sample(self.y, self.time, self.steps_done, self.fresh)
+        return replace(found, pressure=self._pressure_of_spheres()) if self.method.bounces else found
+
+    def _pressure_of_spheres(self) -> float:
+        """Pressure of hard spheres: of the motion, and of the hits since the look before, or without one since the
+        state was set. At a look this is its pressure, and before all steps and looks nan."""
+        hits, system = self.stepper.hits, self.system  # type: ignore[union-attr]
+        begun, virial = self.record.hits or (hits.time - hits.span, 0.0)
+        if hits.time == begun:
+            return float(self.record.samples[-1].pressure) if self.record.hits else np.nan
+        moving = self.flow.pressure_of_motion(self.y, self.time)  # type: ignore[union-attr]
+        return moving + (hits.virial - virial) / ((hits.time - begun) * system.dimensions * system.volume)  # type: ignore[union-attr]
 
     def rescale_velocities(self, factor: float, motion: Floats | None = None) -> None:
         """Multiply the velocities of all particles by ``factor``, relative to ``motion`` (3, n) if there is one. Forces

@@ -147,7 +147,8 @@ class Present(ShownSimulation):
 
     @alone
     def pressure(self) -> float:
-        """Pressure now, in the system's energy unit per volume (per area in two dimensions); nan in open space."""
+        """Pressure now, in the system's energy unit per volume (per area in two dimensions); nan in open space. Hits of
+        hard spheres count since the last look, or since the start; before all steps it is nan."""
         return self.sample().pressure
 
     @alone

@@ -47,7 +47,9 @@ def failure(run: Any, inside_step: bool, stopped: bool) -> tuple[BaseException, 
     if safe.box is not None and isinstance(last, State):
         last = replace(last, box=safe.box)
     if stopped:
-        message = f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{flow.meeting(stepper.y)}"
+        message = (
+            f"stopped at step {step} (t = {stepper.time:.6g}): {stepper.trouble}{flow.meeting(stepper.y, stepper.time)}"
+        )
     else:
         reached, before = stepper.reached(inside_step)
         message = flow.explain(reached, before, safe.y, step, time, last.steps_done)

@@ -235,6 +235,8 @@ def test_a_run_that_fails_names_the_unknown():
     system = with_unknowns(explodes, (1.0,), ("fuel",), None)
     with pytest.raises(kd.RunError, match=r"beside: fuel is .*; the last good point is step 11"):
         kd.Simulation(system, "velocity-verlet", dt=0.1).run(until=5.0)
+    with pytest.raises(kd.RunError, match=r"too short to change t = 1; beside: fuel is .*, and changes by"):
+        kd.Simulation(system, "gauss-radau15").run(until=5.0)
 
 
 @pytest.mark.parametrize("method", METHODS)

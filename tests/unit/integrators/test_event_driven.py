@@ -113,6 +113,20 @@ def test_energy_and_momentum_are_booked(restitution, walls):
         assert report.momentum_error < 1e-14
 
 
+def test_a_sample_has_the_pressure_of_the_hits_before():
+    looked, silent = (kd.Simulation(gas(BOXES["rectangular"]), "event-driven", 0.5) for _ in range(2))
+    assert np.isnan(looked.pressure())
+    looked.run(40, every=40)
+    silent.advance(40)
+    last = looked.record.samples[-1].pressure
+    assert looked.sample().pressure == last > 1.2 * looked.record.samples[0].pressure
+    assert silent.pressure() == pytest.approx(last, rel=1e-12)
+    for sim in (looked, silent):
+        sim.advance(40)
+    both = 0.5 * (last + looked.pressure())  # the motion has the same energy all the time
+    assert silent.pressure() == pytest.approx(both, rel=1e-12)
+
+
 def test_spheres_never_overlap():
     system = gas(n=40)
     sim = kd.Simulation(system, "event-driven", 0.1)

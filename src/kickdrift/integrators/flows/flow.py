@@ -147,9 +147,19 @@ class FlowBeside(ParticleFlow):
                 return f"step {step} (t = {time:.6g}): {force.name}: {value}; the last good point is step {good_step}"
         return super().explain(y[:, :, :n], before[:, :n], good[:, :, :n], step, time, good_step)
 
-    def meeting(self, y: Floats) -> str:
-        """See ParticleFlow."""
-        return super().meeting(y[:, :, : len(self.subject)])
+    def meeting(self, y: Floats, time: float) -> str:
+        """See ParticleFlow; names the unknown that changes faster, relative to its value, than all velocities."""
+        n, rates = len(self.subject), self.derivative(time, y)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            bodies = np.linalg.norm(rates[1, :, :n], axis=0) / np.linalg.norm(y[1, :, :n], axis=0)
+            for force in (own.force for own in self._own if own.force.name == Beside.name):
+                at = self._at[UNKNOWNS]
+                fast = np.nan_to_num(np.abs(rates[1, 0, at]) / np.maximum(np.abs(y[1, 0, at]), 1.0), nan=np.inf)
+                first = int(np.argmax(fast))
+                if fast[first] > np.nanmax(bodies, initial=0.0):
+                    value = f"{force.names[first]} is {y[1, 0, at][first]:.3g}"
+                    return f"; {force.name}: {value}, and changes by {rates[1, 0, at][first]:.3g} a unit of time"
+        return super().meeting(y[:, :, :n], time)
 
 
 Flow = ParticleFlow | ProblemFlow

@@ -231,6 +231,12 @@ class ParticleFlow(ParticleStates):
 
     # --- samples ---
 
+    def pressure_of_motion(self, y: Floats, time: float) -> float:
+        """Pressure at y without that of the hits of hard spheres."""
+        one = Looks(room=1)
+        self.look(one, y, time, 0, self._ends)
+        return float(one.rows[0, PRESSURE])
+
     def _look_at(self, system: System) -> None:
         self._desk = desk_of(system)
         self._cursor = np.zeros(SLOTS, np.int64)
@@ -351,7 +357,7 @@ class ParticleFlow(ParticleStates):
             return f"step {step} (t = {time:.6g}): {line}"
         return super().explain(y, before, good, step, time, good_step)
 
-    def meeting(self, y: Floats) -> str:
+    def meeting(self, y: Floats, time: float) -> str:
         """Name the nearest particles, for the end of a line about failed steps."""
         return nearest_pair(self.present, y[0])
 

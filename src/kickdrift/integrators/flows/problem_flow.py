@@ -114,7 +114,7 @@ class ProblemFlow:
         what = f"y[{worst}] is {flat[worst]:.3g}"
         return f"blew up at step {step} (t = {time:.6g}): {what}; the last good point is step {good_step}"
 
-    def meeting(self, y: Floats) -> str:
+    def meeting(self, y: Floats, time: float) -> str:
         """Return no text."""
         return ""
 

@@ -90,15 +90,6 @@ def _mirrors(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
     return bind(flow, options, weights)
 
 
-def _by_gravity(letter: str) -> Callable[[Flow, Options, Floats], BoundSubflow]:
-    def bound(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
-        from kickdrift.integrators.wisdom_holman.embedded_flows import bind
-
-        return bind(letter, flow, options, weights)
-
-    return bound
-
-
 def _unknowns(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
     from kickdrift.integrators.splitting.unknowns import bind
 
@@ -116,8 +107,6 @@ FLOWS = {
     "N": _bath("N", "Nosé-Hoover chain", TAU, CHAIN, drags=False),
     MIRROR: Subflow("bounces off hard walls", moves=True, bind=_mirrors),
     BESIDE: Subflow("unknowns beside the bodies", moves=True, symplectic=False, reversible=False, bind=_unknowns),
-    UNDER_STAR: Subflow("motion under the star, of eos", moves=True, whole=True, bind=_by_gravity(UNDER_STAR)),
-    MUTUAL: Subflow("kick by the planets, of eos", moves=False, bind=_by_gravity(MUTUAL)),
 }
 
 

@@ -17,7 +17,7 @@ from kickdrift.integrators.method import OWN_FORCES
 from kickdrift.integrators.options import COMPENSATED, PHI0, PHI1, SUBSTEPS, Option
 from kickdrift.integrators.splitting.method import ROWS as WORDS
 from kickdrift.integrators.splitting.method import Splitting, composed, in_turn, palindrome
-from kickdrift.integrators.splitting.subflows import DRIFT, KICK, MUTUAL, UNDER_STAR
+from kickdrift.integrators.splitting.subflows import DRIFT, FLOWS, KICK, MUTUAL, UNDER_STAR, Subflow
 from kickdrift.integrators.wisdom_holman.method import SABA, one_gravity
 from kickdrift.model.system import System
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.integrators.options import Options
     from kickdrift.integrators.stepping.stepper import Stepper
+    from kickdrift.integrators.stepping.subflow_code import BoundSubflow
+    from kickdrift.model.state import Floats
 
 _REIN = "Rein 2020, doi:10.1093/mnras/stz3601"
 _NAMED = {row.name: row for row in WORDS}
@@ -119,6 +121,19 @@ MAPS = {  # by the names of Rein 2020, whose appendix has the coefficients of th
         ),
     ),
 }  # fmt: skip
+
+
+def _flow(letter: str, name: str, whole: bool) -> Subflow:
+    def bind(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
+        from kickdrift.integrators.wisdom_holman.embedded_flows import bind
+
+        return bind(letter, flow, options, weights)
+
+    return Subflow(name, moves=whole, whole=whole, bind=bind)
+
+
+FLOWS[UNDER_STAR] = _flow(UNDER_STAR, "motion under the star, of eos", True)
+FLOWS[MUTUAL] = _flow(MUTUAL, "kick by the planets, of eos", False)
 
 
 def embedded(outer: Map, inner: Map, substeps: int) -> tuple[str, tuple[float, ...]]:
