@@ -224,7 +224,9 @@ def view(
 
 
 def page(
-    name: Annotated[str, argument("PAGE", "which-integrator, stability, chaos, liquid or planets; or a file or name of a system.")],
+    name: Annotated[
+        str, argument("PAGE", "which-integrator, stability, chaos, liquid or planets; or a file or name of a system.")
+    ],
     output: Annotated[Path | None, option("FILE.html", "Default: PAGE.html here.", "--output", "-o")] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
