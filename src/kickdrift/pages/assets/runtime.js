@@ -19,6 +19,8 @@ function imports(module, memory, scratch) {
   const own = {
     fmod: (x, y) => x % y, exp2: (x) => 2 ** x, numba_attempt_nocopy_reshape: reshape(memory), __multi3: multiply(memory),
     NRT_MemInfo_alloc_aligned: (size, alignment) => scratch.array(Number(size), Number(alignment)),
+    NRT_MemInfo_new_varsize_dtor: (size) => scratch.array(Number(size), 16), // a list
+    NRT_MemInfo_varsize_realloc: (record, size) => scratch.longer(record, Number(size)), NRT_MemInfo_varsize_free: () => {},
   };
   const missing = (name) => () => { throw new Error(`a page has no function ${name}`); };
   const names = WebAssembly.Module.imports(module).map(({ name }) => name);
@@ -53,6 +55,14 @@ class Scratch {
     new DataView(this.memory.buffer).setUint32(place - RECORD + AT, place, true);
     return place - RECORD;
   }
+
+  /** Address of more room for an array's content, which moves there. */
+  longer(record, size) {
+    const view = new DataView(this.memory.buffer), before = view.getUint32(record + AT, true), place = this.array(size, 16) + RECORD;
+    new Uint8Array(this.memory.buffer).copyWithin(place, before, before + size);
+    view.setUint32(record + AT, place, true);
+    return place;
+  }
 }
 
 /** numba's strides of an array in another shape, for contiguous arrays. */
@@ -76,7 +86,9 @@ export async function load(given) {
   } catch {
     throw new Error("This page needs a browser with WebAssembly SIMD: Chrome 91, Firefox 89, Safari 16.4 or later.");
   }
-  const needs = imports(compiled, () => exports.memory.buffer, { array: (...size) => exports.scratch.array(...size) });
+  const needs = imports(compiled, () => exports.memory.buffer, {
+    array: (...size) => exports.scratch.array(...size), longer: (...size) => exports.scratch.longer(...size),
+  });
   const exports = { ...(await WebAssembly.instantiate(compiled, needs)).exports };
   if (exports.__heap_base.value > BASE) throw new Error("the constants of this page are too large");
   exports.scratch = new Scratch(exports.memory);
@@ -163,7 +175,7 @@ export class Run {
 
   /** Take steps; return 0, or a status other than 0 if y is no longer finite. */
   advance(count) {
-    const most = this.masses ? AT_ONCE : count, end = this.done + count, take = (steps) => {
+    const end = this.done + count, take = (steps) => {
       this.steps.set("first", this.done);
       this.steps.set("steps", steps);
       this.status = this.steps.run();
@@ -173,9 +185,9 @@ export class Run {
     if (this.first && !this.done && count > 0) {
       this.status = this.first.run();
       this.done += Number(this.cursor[STEP]);
-      if (!this.status) take(Math.min(count, most) - 1); // also none: y is the state only after these
+      if (!this.status) take(Math.min(count, AT_ONCE) - 1); // also none: y is the state only after these
     }
-    while (this.done < end && !this.status) take(Math.min(end - this.done, most));
+    while (this.done < end && !this.status) take(Math.min(end - this.done, AT_ONCE));
     return this.status;
   }
 
