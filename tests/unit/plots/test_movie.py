@@ -88,7 +88,7 @@ def test_a_gif_needs_no_ffmpeg_and_shows_the_nearest_frames(planets, monkeypatch
         ("f.gif", {"fps": 0}, "fps: expected a number from 1 to 100, got 0"),
         ("f.gif", {"every": 2, "duration": 1}, "give every or duration, not both"),
         ("f.gif", {"size": (97, 64)}, "size: expected two even numbers of pixels from 64 to 4096"),
-        ("f.gif", {"colour": "speeed"}, "colour: expected species, speed, body or a colour such as #0072B2, got"),
+        ("f.gif", {"colour": "speeed"}, "colour: expected species, molecule, speed, body or a colour such as #0072B2"),
         ("f.gif", {"zoom": -1}, "zoom: expected a positive number, got -1"),
         ("f.gif", {"elevation": 100}, "elevation: expected an angle from -90 to 90 degrees, got 100"),
     ],
