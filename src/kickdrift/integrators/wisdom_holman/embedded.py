@@ -127,7 +127,7 @@ def _flow(letter: str, name: str, whole: bool) -> Subflow:
     def bind(flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
         from kickdrift.integrators.wisdom_holman.embedded_flows import bind
 
-        return bind(letter, flow, options, weights)
+        return bind(whole, flow, options, weights, MAPS)
 
     return Subflow(name, moves=whole, whole=whole, bind=bind)
 

@@ -7,6 +7,7 @@ themselves. So a modified kick costs two evaluations.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -31,7 +32,6 @@ from kickdrift.model.state import Floats
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
     from kickdrift.integrators.options import Options
-    from kickdrift.integrators.wisdom_holman.embedded import Map
 
 
 FEW = 5  # planets up to which one after another takes less time than lanes
@@ -66,7 +66,7 @@ class Mutual(NamedTuple):
     state: Floats  # as above, (1, 3, n) or (1, 3, 0)
 
 
-def program(inner: Map, substeps: int) -> Floats:
+def program(inner: Any, substeps: int) -> Floats:
     """Rows (3, k) of so many steps of a map, see `UnderStar`. Drifts that follow one another are one."""
     made = [[0.0, 0.0, 0.0]]
     for letter, weight, correction in inner.steps(substeps):
@@ -81,30 +81,27 @@ def program(inner: Map, substeps: int) -> Floats:
     return np.array(made).T.copy()
 
 
-def bind(letter: str, flow: Flow, options: Options, weights: Floats) -> BoundSubflow:
-    """Bind the motion under the star, S, or the planets' kicks, I, of a flow's System."""
-    from kickdrift.integrators.wisdom_holman.embedded import MAPS
-
+def bind(under_star: bool, flow: Flow, options: Options, weights: Floats, maps: Mapping[str, Any]) -> BoundSubflow:
+    """Bind the motion under the star, or the planets' kicks, of a flow's System. ``maps`` are those of `eos`."""
     system: Any = flow.subject
     if options.get(PHI0.name) is None:
-        raise InputError(f"the letter {letter!r} is a flow of the integrator eos alone")
+        raise InputError("the letters S and I are flows of the integrator eos alone")
     gravity = next(force for force in system.forces if isinstance(force, Gravity))
     masses, n = system.state.masses, len(system)
     star = int(np.argmax(masses))
     gm = gravitational_constant(gravity.name, gravity.G, system) * masses
-    under_star = letter == "S"
     pairs = [(i, j) for i in range(n) for j in range(i + 1, n) if (star in (i, j)) == under_star and (gm[i] or gm[j])]
     pull = Pull(gm, np.array(pairs, np.int64).reshape(-1, 2), np.zeros((3, n)), np.zeros((3, n)))
     kept = n if options.compensated else 0
     if under_star:
-        rows = program(MAPS[options.phi1], options[SUBSTEPS.name])
+        rows = program(maps[options.phi1], options[SUBSTEPS.name])
         planets, lanes = np.delete(np.arange(n), star), aligned((8, WIDTH))
         few = len(planets) <= (FEW if rows[2].any() else WIDTH) and not kept
         if few:
             lanes[6, : len(planets)], lanes[7, : len(planets)] = gm[planets], 1.0
         return BoundSubflow(UnderStar(pull, rows, star, planets, few, lanes, np.zeros((2, 3, kept))))
     corrections = np.zeros(len(weights))
-    kicks = [each for each in MAPS[options.phi0].steps(1) if each[0] == KICK and each[1]]
+    kicks = [each for each in maps[options.phi0].steps(1) if each[0] == KICK and each[1]]
     corrections[weights != 0.0] = [correction / weight**3 for _, weight, correction in kicks]
     return BoundSubflow(Mutual(pull, corrections, np.zeros((1, 3, kept))))
 
