@@ -220,8 +220,9 @@ def test_other_units_and_other_programs_do_not_free_fixed_particles(tmp_path):
     system = kd.System(x, masses=40.0, box=(30,) * 3, units="metal", forces=[law], fixed=[kd.Fixed(0)])
     moving = system.with_fixed(kd.Fixed(1, velocity=("1 angstrom/ps", 0, 0)))
     changed = moving.in_units("gromacs").fixed
-    assert changed.particles.tolist() == [1]
-    np.testing.assert_allclose(changed.velocities[:, 0], [0.1, 0.0, 0.0])
+    assert changed.particles.tolist() == [0, 1]
+    np.testing.assert_allclose(changed.velocities[:, 1], [0.1, 0.0, 0.0])
+    assert not changed.velocities[:, 0].any()
     with pytest.raises(InputError, match="to_lammps: fixed particles"):
         system.to_lammps(tmp_path / "in.lammps")
     two = kd.System(np.eye(3), forces=[kd.Gravity(1.0)], fixed=[kd.Fixed(0, velocity=(0, 0, 1))])

@@ -90,7 +90,7 @@ EACH_KIND = [
     "springs",
 ]
 EACH_KIND += ["mie", "coulomb", "restraint", "python", "ase", "lammps", "listed-pairs", "cmap", "tabulated"]
-EACH_KIND += ["tabulated-bond"]
+EACH_KIND += ["tabulated-bond", "formula-pair", "formula-bond"]
 
 
 def options_of(system: kd.System, coupling: str, barostat: str) -> dict[str, Any]:

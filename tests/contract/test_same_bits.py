@@ -281,8 +281,7 @@ def test_forces_remember_what_their_sums_depend_on(name):
     x = 1.2 * np.indices((8, 8, 8)).reshape(3, -1) + rng.uniform(-0.1, 0.1, (3, 512))
     unlike: dict[str, Any] = {"species": {"A": {}, "B": {"sigma": 0.9}}}
     if issubclass(FORCES[name], PairForce) and not {"epsilon", "sigma"} <= set(FORCES[name].law_keys):
-        key = FORCES[name].law_keys[0]
-        unlike = {"pairs": {("A", "B"): {key: {"a": 0.8} if key == "parameters" else 0.8}}}  # laws mix only these two
+        unlike = {"pairs": {("A", "B"): same_bits.other_value(FORCES[name])}}  # laws mix only these two
     force = example(FORCES[name], cutoff=2.5, **unlike, softening=0.1, G=1e-4)
     species, masses = ["A" if k % 3 else "B" for k in range(512)], np.where(np.arange(512) == 200, 30.0, 1.0)
     if isinstance(force, ManyBodyForce):
