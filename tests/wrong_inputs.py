@@ -179,7 +179,10 @@ PYTHON = [
         "times: not evenly spaced; the largest departure, at sample 9, is 5 of the spacing",
     ),
     ('kd.analysis.orbit_report("none.h5md", order=0)', "order must be a whole number, one or more, got 0"),
-    ('kd.Ensemble("lj-1000", {"temprature": [1, 2]}, steps=10)', "lj-1000: temprature: unknown key…"),
+    (
+        'kd.Ensemble("lj-1000", {"temprature": [1, 2]}, steps=10)',
+        "vary: temprature: there is no such key; did you mean 'temperature'?",
+    ),
     (
         "kd.analysis.radial_distribution([[0, 0, 1], [1, 0, 1], [0, 1, 1]], (4, 4, 4))",
         "radial_distribution: all particles have the same z, and spheres around them have no uniform density; run the layer with dimensions = 2 (z constant), or give a Box that is open along z",

@@ -32,7 +32,7 @@ from kickdrift.integrators import INTEGRATORS, integrator
 from kickdrift.integrators.method import DOUBLE, PRECISIONS
 from kickdrift.jit.threads.chunks import team_of
 from kickdrift_validation.claim import Claim, claim, main
-from kickdrift_validation.example_forces import charges, crystal, example, topology
+from kickdrift_validation.example_forces import changed, charges, crystal, example, topology
 
 STEPS, THREADS = 24, (1, 2, 4)
 METHODS = [name for name, method in INTEGRATORS.items() if method.name == name]
@@ -110,12 +110,6 @@ def other(name: str, few: bool) -> kd.System:
     return liquid([kd.LennardJones(cutoff=2.5), force], periodic=False, few=few)
 
 
-def other_value(cls: Any) -> dict[str, Any]:
-    """Another value of the first parameter of a pair law."""
-    key = cls.law_keys[0]
-    return {key: {"a": 0.8} if key == "parameters" else 0.8}
-
-
 @cache
 def systems() -> dict[str, Callable[[bool], kd.System]]:
     """What makes each system, by its name, with few particles or many."""
@@ -127,7 +121,7 @@ def systems() -> dict[str, Callable[[bool], kd.System]]:
             found[name] = lambda few, name=name: other(name, few)
             continue
         if cls is not kd.LennardJones:
-            own = {"pairs": {("A", "B"): other_value(cls)}}  # laws mix only epsilon and sigma
+            own = {"pairs": {("A", "B"): changed(cls.law_keys[0], 0.8)}}  # laws mix only epsilon and sigma
             found[name] = lambda few, cls=cls, own=own: liquid([example(cls, cutoff=2.5, **own)], 2, few=few)
             continue
         for truncation in TRUNCATIONS:

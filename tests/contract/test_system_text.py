@@ -11,7 +11,7 @@ from kickdrift.forces.many_body.base import ManyBodyForce
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.systemfile.files import describe, shipped
 from kickdrift.systemfile.reading import loads
-from kickdrift_validation.example_forces import charges, crystal, example, topology
+from kickdrift_validation.example_forces import changed, charges, crystal, example, topology
 
 SYSTEMS = [name for name in shipped() if isinstance(kd.load(name), kd.System)]
 FIELDS = (
@@ -46,8 +46,8 @@ def test_a_shipped_system_comes_back_from_its_text(name, tmp_path):
 def test_a_force_comes_back_from_its_text(name):
     law = FORCES[name].law_keys if issubclass(FORCES[name], PairForce) else ("epsilon", "sigma")
     first, last = law[0], law[-1]
-    species = {"A": {}, "B": {last: 0.9, "cutoff": 1.2, "truncation": "force-shift"}}
-    pairs = {("B", "A"): {first: 0.3, "truncation": "switch", "switch_start": 0.9}}
+    species = {"A": {}, "B": {**changed(last, 0.9), "cutoff": 1.2, "truncation": "force-shift"}}
+    pairs = {("B", "A"): {**changed(first, 0.3), "truncation": "switch", "switch_start": 0.9}}
     lists = {"springs": {"stiffness": (2.0, 3.0)}, "listed-pairs": {"sigma": (0.8, 0.9)}}  # which list their own pairs
     own = lists.get(name, {"pairs": pairs, "softening": 0.1, "G": 1e-4})
     force = example(FORCES[name], cutoff=1.5, species=species, group=1, **own)

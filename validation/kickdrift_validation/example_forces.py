@@ -117,6 +117,11 @@ def charges(force: Any, count: int) -> np.ndarray | None:
     return np.where(np.arange(count) % 2, 0.4, -0.3) if isinstance(force, kd.Coulomb) else None
 
 
+def changed(key: str, value: float) -> dict[str, Any]:
+    """A table with another value of a law's parameter; a formula's parameters are in a table of their own."""
+    return {key: {"a": value} if key == "parameters" else value}
+
+
 def example(cls: Any, **given: Any) -> Any:
     """A force of this class; ``given`` are parameters, of which the class takes those that it has."""
     parameters = inspect.signature(cls).parameters
