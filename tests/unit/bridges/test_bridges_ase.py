@@ -352,7 +352,7 @@ def test_a_calculation_that_fails_says_why():
     with pytest.raises(kd.InputError, match="pressure: needs a periodic box; open space has no volume"):
         open_atoms.get_stress()
     atoms.set_cell([12, 12, 12])
-    with pytest.raises(kd.InputError, match="lennard-jones: box edge x is 12, shorter than twice the cutoff"):
+    with pytest.raises(kd.InputError, match="lennard-jones: box edge x is 12 angstrom, shorter than twice the cutoff"):
         atoms.get_forces()
 
 

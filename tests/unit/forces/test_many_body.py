@@ -437,7 +437,10 @@ def test_a_system_that_does_not_fit_is_refused():
             r"stillinger-weber: its parameters are in eV and angstroms, which needs units 'metal', not 'lj'",
         ),
         ({"species": ["Si", "Ge"]}, r"species 'Ge' has no parameters in the default, which has Si"),
-        ({"box": [7.0, 20.0, 20.0]}, r"stillinger-weber: box edge x is 7, shorter than twice the cutoff, 2 x 3.77118"),
+        (
+            {"box": [7.0, 20.0, 20.0]},
+            r"stillinger-weber: box edge x is 7 angstrom, shorter than twice the cutoff, 2 x 3.77118",
+        ),
         ({"dimensions": 2}, r"stillinger-weber: works in three dimensions, and the system has 2"),
         ({"masses": [1.0, 0.0]}, r"stillinger-weber: particle 1 has no mass"),
     ):
