@@ -31,16 +31,11 @@ from kickdrift.forces import (
 )
 from kickdrift.model.molecules.relatives import Relatives, molecules_of
 from kickdrift.model.system import System
+from kickdrift.model.units.constants import SYMBOLS
 from kickdrift.systemfile.converting import MOLECULAR
 from kickdrift.text import choices, clean
 
 Line = tuple[str, tuple[int, ...], str]  # section, particles, and what follows them
-_SYMBOLS = (
-    "H He Li Be B C N O F Ne Na Mg Al Si P S Cl Ar K Ca Sc Ti V Cr Mn Fe Co Ni Cu Zn Ga Ge As Se Br Kr Rb Sr Y Zr Nb "
-    "Mo Tc Ru Rh Pd Ag Cd In Sn Sb Te I Xe Cs Ba La Ce Pr Nd Pm Sm Eu Gd Tb Dy Ho Er Tm Yb Lu Hf Ta W Re Os Ir Pt Au "
-    "Hg Tl Pb Bi Po At Rn"
-)
-ELEMENTS = _SYMBOLS.split()
 SYMBOL = re.compile(r"[A-Z][a-z]?(?![a-z])")
 SAME = 1e-7  # relative, between the factors of charges of all pairs three bonds apart
 DIGITS = 12  # of a coordinate, behind the point
@@ -55,6 +50,7 @@ TERMS: dict[type, tuple[str, Callable[[Any], tuple[Any, ...]]]] = {  # section, 
 }
 ORDER = ("bonds", "constraints", "pairs", "angles", "dihedrals", "virtual_sites2", "virtual_sites3", "exclusions")
 MODIFIERS = {"cut": "none", "shift": "potential-shift", "potential-switch": "potential-switch"}
+METHODS = {"auto": "PME", "pme": "PME", "ewald": "Ewald", "reaction-field": "Reaction-Field", "direct": "Cut-off"}
 
 
 class Written(NamedTuple):
@@ -99,6 +95,8 @@ def _refuse(system: System) -> None:
             raise InputError(f"to_gromacs: force {force.name!r} has no counterpart in the topology that is written")
     if sum(isinstance(force, LennardJones) for force in system.forces) > 1:
         raise InputError("to_gromacs: lennard-jones: the system has several, and GROMACS one")
+    if (force := _force(system, LennardJones)) is not None and len(force.ends(system.species)) > 1:
+        raise InputError("to_gromacs: lennard-jones: its pairs have several cutoffs, and GROMACS has one")
 
 
 def _force(system: System, kind: type) -> Any:
@@ -118,7 +116,7 @@ def _names(system: System) -> list[str]:
 def _number(species: str) -> int:
     """The atomic number of the element whose symbol begins a species such as "C1"; 0 if there is none."""
     found = SYMBOL.match(species)
-    return ELEMENTS.index(found[0]) + 1 if found and found[0] in ELEMENTS else 0
+    return SYMBOLS.index(found[0]) if found and found[0] in SYMBOLS else 0
 
 
 def _row(*values: Any) -> str:
@@ -154,14 +152,16 @@ def _settings(system: System) -> str:
     lennard_jones, coulomb = _force(system, LennardJones), _force(system, Coulomb)
     found = []
     if lennard_jones is not None:
-        found += [
-            f"rvdw = {lennard_jones.cutoff:g}",
-            f"vdw-modifier = {MODIFIERS.get(lennard_jones.truncation, 'none')}",
-        ]
+        end = lennard_jones.truncation
+        known = f"vdw-modifier = {MODIFIERS.get(end)}" if end in MODIFIERS else f"no vdw-modifier is truncation {end}"
+        found += [f"rvdw = {lennard_jones.cutoff:g}", known]
+        found += [f"rvdw-switch = {lennard_jones.switch_start:g}"] if end == "potential-switch" else []
         found += ["DispCorr = EnerPres"] if lennard_jones.tail else []
     if coulomb is not None:
-        method = {"pme": "PME", "ewald": "Ewald", "reaction-field": "Reaction-Field"}.get(coulomb.method, "Cut-off")
-        found += [f"coulombtype = {method}", *([f"rcoulomb = {coulomb.cutoff:g}"] if coulomb.cutoff else [])]
+        method = coulomb.method
+        known = f"coulombtype = {METHODS[method]}" if method in METHODS else f"no coulombtype is method {method}"
+        found += [known, *([f"rcoulomb = {coulomb.cutoff:g}"] if coulomb.cutoff else [])]
+        found += [f"epsilon-rf = {coulomb.surroundings or 0.0:g}"] if method == "reaction-field" else []
         found += [f"epsilon-r = {coulomb.dielectric:g}"] if coulomb.dielectric != 1.0 else []
     return f"settings for the .mdp: {', '.join(found) or 'none'}"
 

@@ -18,6 +18,8 @@ class ListedFormulas(Formulas, BondedForce):
 
     def __post_init__(self) -> None:
         self.keep("types")
+        if self.types is None:
+            self.law_with("", {})  # names a parameter without a value
         super().__post_init__()
 
     @property

@@ -34,7 +34,7 @@ FUNCTIONS: dict[str, tuple[int, Numeric]] = {  # number of arguments, and the va
 }  # fmt: skip
 WRITTEN: dict[str, str] = {  # functions of others
     "tan": "sin(x)/cos(x)", "sec": "1/cos(x)", "csc": "1/sin(x)", "cot": "cos(x)/sin(x)",
-    "sinh": "0.5*(exp(x)-exp(-x))", "cosh": "0.5*(exp(x)+exp(-x))", "tanh": "1-2/(exp(2*x)+1)", "square": "x*x",
+    "sinh": "0.5*(exp(x)-exp(-x))", "cosh": "0.5*(exp(x)+exp(-x))", "tanh": "1-2/(exp(min(2*x,80))+1)", "square": "x*x",
     "cube": "x*x*x", "recip": "1/x", "abs": "select(step(x), x, -x)", "min": "select(step(x-y), y, x)",
     "max": "select(step(x-y), x, y)",
 }  # fmt: skip
@@ -72,22 +72,21 @@ def formula_of(text: str, variable: str) -> Formula:
     main, *rest = (part.strip() for part in text.split(";"))
     tree, given = _parsed(main), {}
     for part in filter(None, rest):
-        name, equals, value = part.partition("=")
-        if not equals or not re.fullmatch(r"[A-Za-z_]\w*", name.strip(), re.ASCII):
+        name, equals, value = map(str.strip, part.partition("="))
+        if not equals or not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
             raise InputError(f"formula: expected name=expression after ';', got {shown(part)}")
-        given[name.strip()] = _parsed(value)
+        if name == variable or name in given:
+            what = "the variable, which has no definition" if name == variable else "defined twice"
+            raise InputError(f"formula: {shown(name)} is {what}")
+        given[name] = _parsed(value)
     names = dict.fromkeys(_used(tree, given))
     return Formula(text, tree, given, tuple(name for name in names if name != variable))
 
 
-def renamed(text: str, names: Mapping[str, str]) -> str:
-    """The formula with other words in place of these names, where they stand alone."""
-    return _WORD.sub(lambda found: names.get(found[1], found[0]) if found[1] else found[0], text)
-
-
 def _parsed(text: str) -> ast.expr:
     """The tree of an expression, whose names begin with ``v_``, so that none is a word of Python."""
-    plain = _WORD.sub(lambda found: f"v_{found[1]}" if found[1] else found[0], text).replace("**", "*?*")
+    plain = _WORD.sub(lambda found: f"v_{found[1]}" if found[1] else found[0], text)
+    plain = plain.replace("**", "*?*").replace("#", "?")  # Python's power, and its comments
     try:
         tree = ast.parse(" ".join(plain.replace("^", "**").split()), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -102,6 +101,8 @@ def _check(node: ast.AST, depth: int) -> None:
     if depth > DEEPEST:
         raise InputError(f"formula: has more than {DEEPEST} parts within one another")
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        if not _is_finite(node.value):
+            raise InputError("formula: has a number that is too large")
         return
     if isinstance(node, ast.Name) and node.id.startswith("v_"):
         return
@@ -124,13 +125,27 @@ def _check(node: ast.AST, depth: int) -> None:
         _check(part, depth + 1)
 
 
+def _is_finite(value: Any) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # of a whole number
+        return False
+
+
+def _named(node: ast.AST) -> Iterator[str]:
+    """Names in an expression, without those of the functions that it calls."""
+    if isinstance(node, ast.Name):
+        yield node.id[2:]
+    for part in node.args if isinstance(node, ast.Call) else ast.iter_child_nodes(node):
+        yield from _named(part)
+
+
 def _used(tree: ast.expr, given: Mapping[str, ast.expr]) -> Iterator[str]:
     """Names without a definition, those in definitions too. Refuses a definition that needs itself."""
     done: set[str] = set()
 
     def names(node: ast.AST, within: tuple[str, ...]) -> Iterator[str]:
-        for each in ast.walk(node):
-            name = each.id[2:] if isinstance(each, ast.Name) else ""
+        for name in _named(node):
             if name in within:
                 raise InputError(f"formula: the definition of {shown(name)} needs itself")
             if name in given and name not in done:
@@ -138,7 +153,7 @@ def _used(tree: ast.expr, given: Mapping[str, ast.expr]) -> Iterator[str]:
                     raise InputError(f"formula: has more than {DEEPEST} definitions within one another")
                 yield from names(given[name], (*within, name))
                 done.add(name)
-            elif name and name not in given and name not in FUNCTIONS:
+            elif name not in given:
                 yield name
 
     return names(tree, ())
@@ -186,8 +201,7 @@ class Writer:
         return self._term(self.formula.tree)
 
     def _depends(self, node: ast.expr) -> bool:
-        names = {each.id[2:] for each in ast.walk(node) if isinstance(each, ast.Name)}
-        return any(name in self._known or self._needs(name) for name in names)
+        return any(name in self._known or self._needs(name) for name in set(_named(node)))
 
     def _needs(self, name: str) -> bool:
         """Whether the definition of a name needs the variable."""
@@ -276,9 +290,10 @@ class Writer:
         if any(isinstance(each, ast.Name) for each in ast.walk(node)):
             return None
         try:
-            return value_of(node, {}, {})
+            value = value_of(node, {}, {})
         except (ArithmeticError, ValueError):
             return None
+        return value if math.isfinite(value) else None
 
     def _over(self, of: Term) -> Term:
         """One over a value."""
@@ -296,6 +311,8 @@ class Writer:
             return self._step(self._choice(f"{terms[0].value} < 0.0", "0.0", "1.0"), None)
         if name == "select":
             of = terms[0].value
+            if self.lanes and not self._depends(arguments[0]):
+                of = f"({of} + 0.0 * x)"
             when = f"({of} < 0.0) | ({of} > 0.0)" if self.lanes else f"{of} != 0.0"  # lanes have no other way
             sloped = any(each.slope for each in terms[1:])
             slope = self._choice(when, *(each.slope or "0.0" for each in terms[1:])) if sloped else None
@@ -331,7 +348,7 @@ class Law(NamedTuple):
             numbers = [value_of(each, known, self.formula.given) for each in self.numbers]
         except (ArithmeticError, ValueError):
             said = ", ".join(f"{key} = {values[key]:g}" for key in self.formula.parameters)
-            raise InputError(f"{where}: the formula has no value for {said}") from None
+            raise InputError(f"{where}: the formula has no value{said and f' for {said}'}") from None
         return self.Parameters(1.0 / length, energy, *numbers)
 
 
