@@ -289,11 +289,12 @@ class Integration:
 
     def _pressure_of_spheres(self) -> float:
         """Pressure of hard spheres: of the motion, and of the hits since the look before, or without one since the
-        state was set. At a look this is its pressure, and before all steps and looks nan."""
+        state was set. At a look this is its pressure. Before all steps and looks, and where a checkpoint was restored,
+        this is nan."""
         hits, system = self.stepper.hits, self.system  # type: ignore[union-attr]
         begun, virial = self.record.hits or (hits.time - hits.span, 0.0)
         if hits.time == begun:
-            return float(self.record.samples[-1].pressure) if self.record.hits else np.nan
+            return float(self.record.samples[-1].pressure) if self.record.hits and self.record.samples else np.nan
         moving = self.flow.pressure_of_motion(self.y, self.time)  # type: ignore[union-attr]
         return moving + (hits.virial - virial) / ((hits.time - begun) * system.dimensions * system.volume)  # type: ignore[union-attr]
 

@@ -17,6 +17,8 @@ import numpy as np
 from kickdrift.engines import NATIVE
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import most_threads
+from kickdrift.integrators.options import PRESSURE, PRESSURE_EVERY, Options
+from kickdrift.integrators.splitting.barostats.barostat import every_of_old
 from kickdrift.jit.compile import features, processor
 from kickdrift.looks.observers import Energies, Sample
 from kickdrift.model.checks.limits import NEVER
@@ -239,9 +241,24 @@ def _simulation(
         sim = Simulation(
             subject, method.integrator, threads=threads or min(method.threads, most_threads()), engine=method.engine,
             processes=method.processes if hosts else min(method.processes, os.cpu_count() or 1), hosts=hosts,
-            events=events, **options_of(method.options),
+            events=events, **_options(run, options_of(method.options)),
         )  # fmt: skip
     return staged(sim, subject.stages) if isinstance(subject, System) and subject.stages else sim
+
+
+def _options(run: Run | ProblemRun, given: dict[str, Any]) -> dict[str, Any]:
+    """Options of the run; ``pressure_every`` is that of its checkpoints, which may be older than the default of now."""
+    table = run.checkpoints
+    if given.get(PRESSURE.name) is None or given.get(PRESSURE_EVERY.name) is not None or table is None:
+        return given
+    for row in range(table.rows):
+        try:
+            memory = table[row]["stepper"]["barostat"]
+        except (InputError, LookupError, TypeError):  # damaged; `_restore` says so
+            continue
+        every = every_of_old(Options(**given), memory)
+        return given if every is None else given | {PRESSURE_EVERY.name: every}
+    return given
 
 
 def staged(sim: Simulation, stages: Iterable[Stage]) -> Simulation:

@@ -61,6 +61,16 @@ def test_light_arrives_late_from_behind(system: kd.System) -> None:
         assert abs(velocity + kepler(system, t)[0] / MASS) > 1e-3
 
 
+@pytest.mark.parametrize("height", [-960.0, 960.0])
+def test_light_of_a_star_far_from_the_barycentre_takes_longer_than_a_step_of_a_map(height: float) -> None:
+    speed = 2.0 * np.pi / np.sqrt(0.1)
+    x, v = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, height]], [[0.0] * 3, [0.0, 0.0, speed], [0.0] * 3]
+    system = kd.System(x, v, masses=[1.0, 1e-6, 0.15], units="astro", forces=[kd.Gravity()])
+    seen = {"star": 0, "until": "30 day", "light_time": True, "bodies": [1]}
+    by_map = kd.transits(system, 1, integrator="wisdom-holman", dt="0.2 day", **seen)
+    assert by_map.times == pytest.approx(kd.transits(system, 1, integrator="gauss-radau15", **seen).times, abs=1e-9)
+
+
 def test_transits_are_those_of_keplers_solution_with_light_on_its_way(system: kd.System) -> None:
     """The distance of both images on the sky is least, each at its own time of departure; and the derivatives are
     differences of such times."""

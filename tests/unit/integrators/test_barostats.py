@@ -14,7 +14,7 @@ from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.integrators import integrator
 from kickdrift.integrators.asked import settled
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.splitting.barostats.barostat import check_pressed, every_of
+from kickdrift.integrators.splitting.barostats.barostat import Barostat, check_pressed, every_of
 from kickdrift.looks.pressure import instantaneous_pressure
 from kickdrift.model.live_box import LiveBox, in_box
 from kickdrift.model.run_defaults import RunDefaults
@@ -338,6 +338,25 @@ def test_by_default_c_rescale_acts_ten_times_in_its_time_or_every_30_steps():
     assert asked == [1, 10, 30, 30]
     assert every_of("c-rescale", Options(dt=0.004, pressure_tau=0.4, pressure_every=7)) == 7
     assert (every_of("mtk", Options(dt=0.004, pressure_tau=0.4)), every_of("monte-carlo", Options(dt=0.004))) == (1, 10)
+
+
+def test_a_resumed_run_keeps_the_steps_between_actions_of_its_file(tmp_path, monkeypatch):
+    """Files of older versions do not have these steps, and acted every 10 steps by default."""
+    given = needed("baoab") | {"pressure": 1.0, "barostat": "c-rescale", "pressure_tau": 1.2, "compressibility": 1.0}
+    at = "kickdrift.integrators.splitting.barostats.barostat"
+    memory = Barostat.memory
+    with monkeypatch.context() as old:
+        old.setattr(f"{at}.MOST_STEPS", 10)
+        old.setattr(f"{at}.Barostat.memory", lambda self: {k: v for k, v in memory(self).items() if k != "every"})
+        whole, cut = (kd.Simulation(liquid(), "baoab", 0.004, **given) for _ in range(2))
+        whole.run(60, every=20)
+        cut.run(35, every=20, output=tmp_path / "old.h5md")
+    resumed = kd.resume(tmp_path / "old.h5md")
+    assert resumed.options.pressure_every == 10
+    resumed.advance(25)
+    assert np.array_equal(resumed.state.positions, whole.state.positions)
+    kd.Simulation(liquid(), "baoab", 0.004, **given).run(35, every=20, output=tmp_path / "new.h5md")
+    assert kd.resume(tmp_path / "new.h5md").options.pressure_every is None
 
 
 def test_another_barostat_takes_what_it_knows_of_a_file():

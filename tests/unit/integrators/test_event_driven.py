@@ -127,6 +127,15 @@ def test_a_sample_has_the_pressure_of_the_hits_before():
     assert silent.pressure() == pytest.approx(both, rel=1e-12)
 
 
+def test_a_restored_run_of_spheres_knows_no_hits_before_its_next_look():
+    sim = kd.Simulation(gas(BOXES["rectangular"]), "event-driven", 0.5)
+    sim.run(40, every=40)
+    sim.restore(sim.checkpoint())
+    assert np.isnan(sim.pressure())
+    sim.advance(40)
+    assert sim.pressure() > 0.0
+
+
 def test_spheres_never_overlap():
     system = gas(n=40)
     sim = kd.Simulation(system, "event-driven", 0.1)

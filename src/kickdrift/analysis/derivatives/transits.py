@@ -146,10 +146,12 @@ def found_by_map(
     found: Found = []
     sky, begin = np.eye(3) - np.outer(sight, sight), run.time
     phase, slopes = run.now()
-    while arrival(run.time, phase, run.system.state.masses, pair[0], sight, light) < end:
+    arrives = arrival(run.time, phase, run.system.state.masses, pair[0], sight, light)
+    while arrives < end:
         start, before, rates = run.time, phase, slopes
         run.advance(1)
         phase, slopes = run.now()
+        arrives = arrival(run.time, phase, run.system.state.masses, pair[0], sight, light)
         (x0, u0), (x1, u1) = (y[:, :, pair[0]] - y[:, :, pair[1]] for y in (before, phase))
         turned = angle(x0, x1)
         if turned > WIDEST:
@@ -159,7 +161,7 @@ def found_by_map(
             )
         if x0 @ sky @ u0 < 0.0 <= x1 @ sky @ u1 and x1 @ sight > 0.0:
             onward = VariedRun(run.system.at(before, start), columns, DEFAULT, run.sim.threads, {}, begun=rates)
-            until = min(end, run.time + 0.5 * run.dt)
+            until = min(end, arrives + 0.5 * run.dt)
             found += Search(onward, pair, sight, until, within, light, None).found()[:1]
         if told:
             told(int(1000 * min(1.0, (run.time - begin) / (end - begin))), 1000)

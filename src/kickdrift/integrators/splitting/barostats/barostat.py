@@ -120,6 +120,15 @@ def every_of(kind: str, options: Options) -> int:
     return 1 if kind == MTK else USUAL_STEPS
 
 
+def every_of_old(options: Options, memory: Memory) -> int | None:
+    """``pressure_every`` of a checkpoint's run that did not name it; None if it is the default of now.
+
+    Checkpoints without ``every`` come from versions where c-rescale acted every 10 steps by default."""
+    kind = options.get(BAROSTAT.name) or C_RESCALE
+    every = int(memory.get("every", USUAL_STEPS))
+    return None if kind != C_RESCALE or every == every_of(kind, options) else every
+
+
 def check_unpressed(options: Options) -> None:
     """Refuse options of a barostat without a pressure."""
     for option in OF_PRESSURE:
@@ -332,7 +341,7 @@ class Barostat:
 
     def memory(self) -> Memory:
         """Copies of all that later actions depend on."""
-        return {name: by_value(array) for name, array in self._arrays.items()}
+        return {name: by_value(array) for name, array in self._arrays.items()} | {"every": self.pressed.every}
 
     def go_on_from(self, other: Barostat) -> None:
         """Go on from a barostat of another temperature or pressure, with its memory and the same work so far."""
