@@ -29,7 +29,7 @@ def refuse_beside_stages(name: str, given: Mapping[str, Any]) -> None:
     for key, value in given.items():
         if value is not None and value is not False and value != {}:
             flag = key if key.startswith("-") else f"--{key.replace('_', '-')}"
-            raise InputError(f"{flag}: {name} has stages, which say this in [[stage]] or [run]")
+            raise InputError(f"{flag}: {name} has stages; give it there, in [[stage]] or [run]")
 
 
 def run_stages(

@@ -159,8 +159,11 @@ def save_numbers(figure: Figure, target: str | os.PathLike[str], overwrite: bool
     """Write the points of a figure's lines as a table, whole or not at all: panel, line, x and y. A long line has the
     points that are drawn, see ``thin``."""
     checked = outputs.checked_target(target, NUMBERS, overwrite, ())
-    drawn = [[line for line in axes.get_lines() if line.get_transform() == axes.transData] for axes in figure.axes]
-    if not any(drawn):  # rules are no lines
+    drawn = [
+        [line for line in axes.get_lines() if line.get_transform() == axes.transData and len(line.get_xydata())]
+        for axes in figure.axes
+    ]
+    if not any(drawn):  # rules are no lines, and entries of a legend have no points
         raise InputError(f"{target}: this figure has areas and no lines, so it has no points to write")
     with outputs.written_whole(checked, NUMBERS, overwrite=overwrite) as part, part.open("w", newline="") as file:
         rows = csv.writer(file)

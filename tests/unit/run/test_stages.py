@@ -335,4 +335,4 @@ def test_one_command_runs_all_stages_and_another_goes_on(kickdrift, folder):
 def test_options_beside_stages_are_refused(kickdrift, folder, more):
     (folder / "lj.toml").write_text(FILE + STAGES)
     status, _, err = kickdrift("run", "lj.toml", *more)
-    assert (status, err) == (2, f"kickdrift: {more[0]}: lj.toml has stages, which say this in [[stage]] or [run]\n")
+    assert (status, err) == (2, f"kickdrift: {more[0]}: lj.toml has stages; give it there, in [[stage]] or [run]\n")

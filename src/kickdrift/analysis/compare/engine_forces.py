@@ -88,12 +88,12 @@ class EngineComparison(Shown):
             ["energy", *(_text(row.energy) for row, _ in ran)],
             [f"pressure {pressure}".strip(), *(_text(row.pressure) for row, _ in ran)],
             [f"largest force {force}".strip(), *(_text(row.largest) for row, _ in ran)],
-            [
-                f"forces differ by {force}".strip(),
-                *(f"{row.difference:.1e}" if k else "" for k, (row, _) in enumerate(ran)),
-            ],
-            ["at", *(body if k else "" for k, (_, body) in enumerate(ran))],
         ]
+        if len(ran) > 1:
+            lines += [
+                [f"forces differ by {force}".strip(), "", *(f"{row.difference:.1e}" for row, _ in ran[1:])],
+                ["at", "", *(body for _, body in ran[1:])],
+            ]
         title = f"{self.name} in each engine" + (f", energies in {energy}" if energy else "")
         return [(title, ["", *(row.engine for row, _ in ran)], lines)]
 

@@ -102,7 +102,7 @@ def pairs_of(read: Read, types: Types, kinds: NDArray[np.int64], given: Charges,
     elif name in (LONG, LINEAR) or _style(name) is not None:
         own = _plain(read, types, name, arguments, given, listed)
     if own is None:
-        return Pairs([_in_lammps(read, types, bool(len(bonds)))], None)
+        return Pairs([_in_lammps(read, types, given, bool(len(bonds)))], None)
     if listed:
         own.append(_listed(read, kinds, given, listed))
         factors = PLAIN if factors is None else factors
@@ -350,7 +350,7 @@ def _places(folder: Path, name: str) -> Iterator[Path]:
 # --- LAMMPS' own styles ---
 
 
-def _in_lammps(read: Read, types: Types, bonded: bool) -> LammpsForce:
+def _in_lammps(read: Read, types: Types, given: Charges, bonded: bool) -> LammpsForce:
     """The pair style in LAMMPS, whose types are the System's species in their order."""
     style = " ".join(read.last("pair_style"))
     rows = [*read.all("pair_coeff"), *_data_rows(read)]
@@ -360,7 +360,8 @@ def _in_lammps(read: Read, types: Types, bonded: bool) -> LammpsForce:
         lj, coul = (" ".join(f"{float(each)!r}" for each in read.told[f"special_{key}"][1:]) for key in ("lj", "coul"))
         commands.append(f"special_bonds lj {lj} coul {coul}")
     coefficients = [" ".join(_found(read.folder, words)) for row in rows for words in renumbered(row, types)]
-    return LammpsForce(style, coefficients or "* *", commands)
+    zeros = given.charges is None and "q" in read.arrays  # a style of charges works without them
+    return LammpsForce(style, coefficients or "* *", commands, "charge" if zeros else None)
 
 
 def _found(folder: Path, words: Sequence[str]) -> Iterator[str]:

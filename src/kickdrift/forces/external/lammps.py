@@ -90,7 +90,8 @@ class LammpsForce(Field):
     pair_coeff : its coefficients, one text or several
     commands : further commands, or lines of an input script: pair_modify, kspace_style, kspace_modify, special_bonds,
         dielectric, and style and coeff of bonds, angles, dihedrals and impropers
-    atom_style : "atomic" keeps charges from LAMMPS, "charge" demands them; default: charges if the system has them
+    atom_style : "atomic" keeps charges from LAMMPS, "charge" gives them, zeros if the system has none; default: charges
+        if the system has them
     renewal : length; default 0.5 angstrom, or 0.15 in units lj
     files : SHA-256 of each file that the commands name, by its name; default those of the files as they are
 
@@ -189,8 +190,6 @@ class LammpsForce(Field):
             raise InputError(f"{self.name}: works in three dimensions, and the system has two")
         if system.units.name not in UNITS:
             raise InputError(f"{self.name}: works in the units {', '.join(UNITS)}, not {system.units.name!r}")
-        if self.atom_style == "charge" and system.charges is None:
-            raise InputError(f"{self.name}: atom_style charge needs particles with charges")
         if system.topology is not None and len(system.topology.exclusions):
             raise InputError(
                 f"{self.name}: LAMMPS leaves out pairs by their bonds alone, and the topology has exclusions"

@@ -233,6 +233,8 @@ def lammps_host(force: Any, system: Subject, units: str, renewal: float) -> Lamm
     matrix = np.where(np.array(periodic)[:, None], box.matrix, 0.0)
     ends = [(0.0, matrix[k, k]) if periodic[k] else (low[k], high[k]) for k in range(3)]
     charges = system.charges if force.atom_style != "atomic" else None
+    if charges is None and force.atom_style == "charge":
+        charges = np.zeros(n)
     names = {} if topology is None else _types(topology)
     lists = {
         kind: np.column_stack([[1 + known.index(name) for name in topology.types(kind)], getattr(topology, kind) + 1])

@@ -13,6 +13,7 @@ from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, EWALD, PME
 from kickdrift.forces.charges.sampled import Errors, errors_of
 from kickdrift.forces.charges.waves import waves_of
+from kickdrift.forces.external.lammps import LammpsForce
 from kickdrift.looks.report_lines import charge_lines
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -108,6 +109,8 @@ def charge_warnings(system: Any) -> list[str]:
     if not isinstance(system, System) or system.charges is None or not system.charges.any():
         return []
     force = _force_of(system)
+    if any(isinstance(each, LammpsForce) and each.atom_style != "atomic" for each in system.forces):
+        return []  # LAMMPS has the charges
     if force is None:
         return ["charges have no effect, since no force acts between them; add the force coulomb"]
     found = []
