@@ -160,7 +160,7 @@ def save_numbers(figure: Figure, target: str | os.PathLike[str], overwrite: bool
     points that are drawn, see ``thin``."""
     checked = outputs.checked_target(target, NUMBERS, overwrite, ())
     drawn = [
-        [line for line in axes.get_lines() if line.get_transform() == axes.transData and len(line.get_xydata())]
+        [line for line in axes.get_lines() if line.get_transform() == axes.transData and np.size(line.get_xdata())]
         for axes in figure.axes
     ]
     if not any(drawn):  # rules are no lines, and entries of a legend have no points
