@@ -305,7 +305,7 @@ _MOVED = {
 }
 
 
-# Functions and modules of layers above, which layers below reach by what they make; see ``display.showing.above``.
+# Places of functions in upper layers, by what each makes. Lower layers ask for them with ``display.showing.above``.
 _ABOVE = {
     "bridge to ase": "bridges.ase",
     "bridge to lammps": "bridges.lammps.system",

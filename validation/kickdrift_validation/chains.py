@@ -31,7 +31,7 @@ MEASURED = ("end_to_end", "gyration", "persistence")
 
 
 def walks() -> Iterator[Claim]:
-    """Sizes of walks, and of those that do not fold back."""
+    """Claims on the sizes of freely jointed walks, and of walks whose next neighbours but one stay apart."""
     count, bonds, bond = 20_000, 30, 0.97
     for apart in (0.0, 1.02):
         x = random_chains(count, bonds + 1, np.eye(3), bond, apart, seed=1).reshape(count, bonds + 1, 3)

@@ -55,7 +55,7 @@ class Library:
             raise InputError(f"lammps: LAMMPS refuses {line!r}: {what}{self._styles(line)}") from None
 
     def _styles(self, line: str) -> str:
-        """Name the nearest style of this LAMMPS to one that is missing; "" if there is none."""
+        """Name the nearest style that this LAMMPS has, if the line names one that is missing; else ""."""
         first, *words = line.split()
         kind = first.removesuffix("_style")
         if kind == first or not words or words[0] in (known := self.lmp.available_styles(kind)):

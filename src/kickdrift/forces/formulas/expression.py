@@ -96,7 +96,7 @@ def _parsed(text: str) -> ast.expr:
 
 
 def _check(node: ast.AST, depth: int) -> None:
-    """Refuse what is not a number, a name, an operator or a function of the list."""
+    """Refuse an expression that has more than numbers, names, operators and functions of the list."""
     parts: list[ast.expr] = []
     if depth > DEEPEST:
         raise InputError(f"formula: has more than {DEEPEST} parts within one another")
@@ -333,7 +333,7 @@ def _written(name: str) -> Formula:
 
 
 class Law(NamedTuple):
-    """The law of a formula: the class of its numbers, and what they are of the parameters."""
+    """The law of a formula: the class of its numbers, and the expressions that give them from the parameters."""
 
     Parameters: Any
     formula: Formula

@@ -38,7 +38,7 @@ def random_chains(count: int, length: int, corners: Floats, bond: float, apart: 
     rng = generator(seed)
     x = np.empty((length, count, 3))
     x[0] = rng.random((count, 3)) @ corners
-    # Of directions at the angle t to the last bond, those with 2 bond² (1 + cos t) >= apart² are allowed.
+    # A direction at the angle t to the last bond is allowed if 2 bond² (1 + cos t) >= apart².
     lowest = 0.5 * (apart / bond) ** 2 - 1.0
     along = _directions(rng, count, np.zeros((count, 3)), -1.0)
     x[1] = x[0] + bond * along
