@@ -113,6 +113,24 @@ def test_a_cutoff_is_found(truncation, verdict, remark):
     assert checks.row("virial = -dE/dV").verdict == "pass"
 
 
+def test_small_jumps_of_the_energy_blame_only_a_force_that_states_no_error():
+    """Pairs of charges cross the cutoff of a sum that states its error. Their force is right beside the jumps."""
+
+    class Stating(kd.PythonForce):
+        def stated_error(self):
+            return 1e-3
+
+    def stairs(x, v, t, box):
+        forces, energy = wells(x, v, t, box)
+        return forces, energy + 1e-4 * np.floor(x / 4e-3).sum()
+
+    plain = drop(stairs)
+    row = kd.analysis.force_checks(plain, steps=100, dt=0.01).row("force = -dE/dx")
+    assert (row.verdict, row.measured > 1e-4) == ("fail", True)
+    stating = kd.analysis.force_checks(plain.with_forces(Stating(stairs, external=False)), steps=100, dt=0.01)
+    assert stating.row("force = -dE/dx").measured < 1e-7
+
+
 @pytest.mark.parametrize("derivative", [0, 1, 2, 3])
 def test_jumps_of_each_derivative(derivative):
     """An energy with one jump, of one derivative, at 0.4 of the line."""
