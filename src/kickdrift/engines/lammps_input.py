@@ -15,13 +15,14 @@ from kickdrift.disk.outputs import checked_target, private_place, settle
 from kickdrift.disk.outputs import reason as reason_of
 from kickdrift.engines import rigid
 from kickdrift.engines.fields import without
-from kickdrift.engines.forces import beside_charges, coulomb_of, strange
+from kickdrift.engines.forces import beside_charges, strange
 from kickdrift.engines.lammps import APART, modelled, refused
 from kickdrift.engines.lammps_model import FIXES, Model, Space, acting, bonded_commands, bonded_of, data_of
 from kickdrift.engines.special import special_of
 from kickdrift.errors import InputError
 from kickdrift.forces import LammpsForce
 from kickdrift.forces.charges.accuracy import TYPICAL
+from kickdrift.forces.charges.coulomb import coulomb_of
 from kickdrift.forces.external.lammps import ALONG_BONDS
 from kickdrift.forces.external.lammps_data import flags_of
 from kickdrift.forces.fields.restraint import Restraint

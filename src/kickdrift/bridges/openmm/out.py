@@ -11,6 +11,8 @@ import openmm
 import openmm.app as app
 from openmm import unit
 
+from kickdrift.bridges.bonded_laws import LAWS
+from kickdrift.bridges.openmm.custom_out import TRUNCATIONS, in_formulas, listed, paired
 from kickdrift.bridges.openmm.files import Parts
 from kickdrift.bridges.openmm.nonbonded import FAR, METHODS
 from kickdrift.errors import InputError
@@ -25,8 +27,10 @@ from kickdrift.forces import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.charges.coulomb import coulomb_of
+from kickdrift.forces.formulas.given import Formulas
 from kickdrift.forces.pairs.ends import WITH_TAIL
-from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.pairs.formula import FormulaPair
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.molecules.virtual_sites import VirtualSite
 from kickdrift.model.system import System
@@ -55,8 +59,8 @@ def parts_of(system: System) -> Parts:
     """Return OpenMM's objects; see `System.to_openmm`."""
     if system.units.name not in MOLECULAR:
         raise InputError(f"to_openmm: units {system.units.name!r}: expected {choices(MOLECULAR)}")
+    system = in_formulas(system.in_units("gromacs"))
     _refuse(system)
-    system = system.in_units("gromacs")
     made = openmm.System()
     masses = system.state.masses if system.fixed is None else system.fixed.free(system.state.masses)
     for mass in masses.tolist():  # OpenMM leaves particles without mass in place
@@ -70,6 +74,10 @@ def parts_of(system: System) -> Parts:
         made.addForce(_nonbonded(system))
     bonded: dict[str, Any] = {}
     for force in system.forces:
+        if isinstance(force, FormulaPair):
+            made.addForce(paired(system, force, FAR))
+        elif type(force) not in BONDED and (isinstance(force, Formulas) or type(force) in LAWS):
+            bonded[f"{force.name} {len(bonded)}"] = listed(system, force)
         if type(force) in BONDED:
             name, add = BONDED[type(force)]
             items, laws, which = force.items(system)
@@ -96,17 +104,15 @@ def _refuse(system: System) -> None:
     if system.fixed is not None and system.fixed.move:
         raise InputError("to_openmm: OpenMM keeps fixed particles at rest, and those of this system move")
     for force in system.forces:
-        if type(force) not in (*BONDED, Cmap, LennardJones, Coulomb, ListedPairs):
-            raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")
-    if sum(isinstance(force, LennardJones) for force in system.forces) > 1:
-        raise InputError("to_openmm: lennard-jones: the system has several, and OpenMM one")
+        if type(force) not in (*BONDED, *LAWS, Cmap, LennardJones, Coulomb, ListedPairs) and not isinstance(
+            force, Formulas
+        ):
+            raise InputError(f"to_openmm: force {force.name!r} has no counterpart in OpenMM")
     for force in system.forces:
-        if isinstance(force, PairForce) and (force.truncation not in WITH_TAIL or force.pairs):
-            raise InputError(
-                'to_openmm: lennard-jones: OpenMM has truncation "cut" or "potential-switch", and mixes by Lorentz and '
-                "Berthelot alone"
-            )
-        if isinstance(force, PairForce) and len(force.ends(system.species)) > 1:
+        if isinstance(force, LennardJones) and force.truncation not in WITH_TAIL:
+            known = choices(TRUNCATIONS)
+            raise InputError(f"to_openmm: lennard-jones: OpenMM has no truncation {force.truncation!r}; it has {known}")
+        if isinstance(force, LennardJones) and len(force.ends(system.species)) > 1:
             raise InputError("to_openmm: lennard-jones: OpenMM has one cutoff for all pairs of species")
         if isinstance(force, Coulomb) and (force.dielectric != 1.0 or force.method == "damped-shifted"):
             raise InputError(f"to_openmm: coulomb: OpenMM has no method {force.method!r} with this dielectric")
@@ -163,7 +169,7 @@ def _cmap(force: Cmap) -> Any:
 def _nonbonded(system: System) -> Any:
     """The NonbondedForce of the Lennard-Jones force, the charges and the listed pairs."""
     pair: Any = next((force for force in system.forces if isinstance(force, LennardJones)), None)
-    coulomb: Any = next((force for force in system.forces if isinstance(force, Coulomb)), None)
+    coulomb = coulomb_of(system)
     made = openmm.NonbondedForce()
     charges = np.zeros(len(system)) if coulomb is None or system.charges is None else system.charges
     laws = [(1.0, 0.0)] * len(system.species)
@@ -240,13 +246,13 @@ def _topology(system: System) -> Any:
         if molecule not in residues:
             residues[molecule] = made.addResidue("MOL", chain)
         name = system.species[kind]
-        atoms.append(made.addAtom(name, _element(name), residues[molecule]))
+        atoms.append(made.addAtom(name, element_of(name), residues[molecule]))
     for i, j in bonds.tolist():
         made.addBond(atoms[i], atoms[j])
     return made
 
 
-def _element(species: str) -> Any:
+def element_of(species: str) -> Any:
     """The element whose symbol begins a species such as "C1"; None if there is none."""
     found = SYMBOL.match(species)
     try:

@@ -172,6 +172,11 @@ class LammpsForce(Field):
             raise InputError(f"{self.name}: kspace_style: the accuracy lies from {FINEST:g} to 1, got {words[1]}")
 
     @property
+    def takes_charges(self) -> bool:
+        """Whether charges of the System have an effect on the force."""
+        return self.atom_style != "atomic"
+
+    @property
     def label(self) -> str:
         """The pair style's name."""
         return self.pair_style.split()[0]
