@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
@@ -11,6 +10,7 @@ import openmm
 from kickdrift.bridges.bonded_laws import LAWS
 from kickdrift.errors import InputError
 from kickdrift.forces import LennardJones
+from kickdrift.forces.bonded.formula import ListedFormulas
 from kickdrift.forces.formulas.expression import renamed
 from kickdrift.forces.formulas.given import Formulas
 from kickdrift.forces.pairs.formula import FormulaPair
@@ -24,9 +24,9 @@ LENNARD_JONES = "4*epsilon*((sigma/r)^12-(sigma/r)^6)"
 def listed(system: System, force: Any) -> Any:
     """The custom force of a formula of bonds, angles, dihedrals or impropers, or of a law in `LAWS`."""
     items, laws, which = force.items(system)
-    if isinstance(force, Formulas):
+    if isinstance(force, ListedFormulas):
         assert system.topology is not None
-        types: Mapping[str, Any] | None = getattr(force, "types", None)
+        types = force.types
         names = [each for each in dict.fromkeys(system.topology.types(force.kind)) if types is None or each in types]
         used, energy = force.own_law.formula.parameters, _energy(force)
         given = [force.values_with((types or {}).get(name, {})) for name in names]

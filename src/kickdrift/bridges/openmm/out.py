@@ -108,12 +108,14 @@ def _refuse(system: System) -> None:
             force, Formulas
         ):
             raise InputError(f"to_openmm: force {force.name!r} has no counterpart in OpenMM")
-    for force in system.forces:
-        if isinstance(force, LennardJones) and force.truncation not in WITH_TAIL:
+    lennard_jones: list[Any] = [force for force in system.forces if isinstance(force, LennardJones)]
+    for pair in lennard_jones:
+        if pair.truncation not in WITH_TAIL:
             known = choices(TRUNCATIONS)
-            raise InputError(f"to_openmm: lennard-jones: OpenMM has no truncation {force.truncation!r}; it has {known}")
-        if isinstance(force, LennardJones) and len(force.ends(system.species)) > 1:
+            raise InputError(f"to_openmm: lennard-jones: OpenMM has no truncation {pair.truncation!r}; it has {known}")
+        if len(pair.ends(system.species)) > 1:
             raise InputError("to_openmm: lennard-jones: OpenMM has one cutoff for all pairs of species")
+    for force in system.forces:
         if isinstance(force, Coulomb) and (force.dielectric != 1.0 or force.method == "damped-shifted"):
             raise InputError(f"to_openmm: coulomb: OpenMM has no method {force.method!r} with this dielectric")
         if isinstance(force, Coulomb) and force.method == "reaction-field" and system.topology is not None:
