@@ -27,6 +27,7 @@ from kickdrift.forces import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.bonded.law import BondedForce
 from kickdrift.forces.charges.coulomb import coulomb_of
 from kickdrift.forces.formulas.given import Formulas
 from kickdrift.forces.pairs.ends import WITH_TAIL
@@ -76,11 +77,12 @@ def parts_of(system: System) -> Parts:
     for force in system.forces:
         if isinstance(force, FormulaPair):
             made.addForce(paired(system, force, FAR))
-        elif type(force) not in BONDED and (isinstance(force, Formulas) or type(force) in LAWS):
-            bonded[f"{force.name} {len(bonded)}"] = listed(system, force)
-        if type(force) in BONDED:
-            name, add = BONDED[type(force)]
+        elif isinstance(force, BondedForce):
             items, laws, which = force.items(system)
+            if type(force) not in BONDED or not all(map(_is_periodic, laws)):
+                bonded[f"{force.name} {len(bonded)}"] = listed(system, force)
+                continue
+            name, add = BONDED[type(force)]
             target = bonded.setdefault(name, getattr(openmm, name)())
             for item, law in zip(items.tolist(), which.tolist(), strict=True):
                 add(target, item, laws[law])
@@ -95,6 +97,12 @@ def parts_of(system: System) -> Parts:
     for particle, site in _sites(system):
         made.setVirtualSite(particle, site)
     return Parts(made, topology, system.state.positions, system.state.velocities)
+
+
+def _is_periodic(law: Any) -> bool:
+    """Whether OpenMM has the multiplicity of a law, if it has one: a positive whole number."""
+    multiplicity = getattr(law, "multiplicity", 1)
+    return bool(multiplicity >= 1 and multiplicity == int(multiplicity))
 
 
 def _refuse(system: System) -> None:
@@ -199,7 +207,8 @@ def _nonbonded(system: System) -> Any:
                       (force.charges, force.sigma, force.epsilon))  # fmt: skip
             for (i, j), charge, sigma, well in zip(force.pairs, *values, strict=True):
                 key = min(i, j), max(i, j)
-                if key not in terms or terms[key][0] or terms[key][2]:
+                alone = pair is None and coulomb is None and key not in terms
+                if not alone and (key not in terms or terms[key][0] or terms[key][2]):
                     raise InputError(
                         f"to_openmm: listed-pairs: pair {[i, j]} is not left out of the other pair forces, and OpenMM "
                         "has one term for each pair"
@@ -238,17 +247,17 @@ def _set_method(made: Any, system: System, pair: Any, coulomb: Any) -> None:
 
 
 def _topology(system: System) -> Any:
-    """OpenMM's Topology: a residue for each molecule, elements by the species, and the bonds."""
+    """OpenMM's Topology: a residue for neighbouring particles of a molecule, elements by the species, and the bonds."""
     made = app.Topology()
     chain = made.addChain()
     bonds = np.zeros((0, 2), np.int64) if system.topology is None else system.topology.bonds
-    residues: dict[int, Any] = {}
+    residue, last = None, -1
     atoms = []
     for molecule, kind in zip(molecules_of(bonds, len(system)).tolist(), system.species_index.tolist(), strict=True):
-        if molecule not in residues:
-            residues[molecule] = made.addResidue("MOL", chain)
+        if molecule != last:
+            residue, last = made.addResidue("MOL", chain), molecule
         name = system.species[kind]
-        atoms.append(made.addAtom(name, element_of(name), residues[molecule]))
+        atoms.append(made.addAtom(name, element_of(name), residue))
     for i, j in bonds.tolist():
         made.addBond(atoms[i], atoms[j])
     return made
