@@ -5,7 +5,8 @@ rhodopsin are LAMMPS' own benchmarks. The salt's sum over waves has an error of 
 polynomial with errors of 1.5e-7, so energies of charges are compared on the scale of the sums that cancel. The file of
 the rhodopsin has rigid bonds that are wrong by up to 1.4e-4 angstrom, and kickdrift projects its start on the
 constraints. So LAMMPS gets kickdrift's start, and its own constraints for the steps alone, since they add to the
-forces. ``long`` adds the copper and the rhodopsin.
+forces. LAMMPS' forces of impropers are wrong below 0.001 rad, where it divides by a sine of 0.001, so their particles
+are left out of the comparison of forces. ``long`` adds the copper and the rhodopsin.
 """
 
 from __future__ import annotations
@@ -21,9 +22,11 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.external.lammps_library import lammps_class
+from kickdrift.model.molecules.relatives import measured
 from kickdrift_validation.claim import Claim, at_most, main
 
 STEPS = 20
+FLAT = 0.001  # sine of an angle, to which LAMMPS raises smaller ones in the forces of impropers
 PEER = "LAMMPS"
 TERMS = {"pair": ("evdwl",), "charges": ("ecoul", "elong"), "bonds": ("ebond",), "angles": ("eangle",),
          "dihedrals": ("edihed",), "impropers": ("eimp",)}  # fmt: skip
@@ -149,6 +152,15 @@ def ours(system: kd.System) -> tuple[dict[str, float], Any]:
     return energies, forces
 
 
+def beside_flat(system: kd.System) -> Any:
+    """Which particles (n,) are in no improper that is flatter than LAMMPS' force of it is right."""
+    kept = np.ones(len(system), bool)
+    if system.topology is not None and len(impropers := system.topology.impropers):
+        angles = measured(system.box, system.state.phase[0], impropers, "impropers")
+        kept[impropers[np.abs(np.sin(angles)) < FLAT].ravel()] = False
+    return kept
+
+
 def compare(what: str, text: str) -> Iterator[Claim]:
     """Claims of one input."""
     with tempfile.TemporaryDirectory() as folder:
@@ -167,6 +179,8 @@ def compare(what: str, text: str) -> Iterator[Claim]:
                 off = abs(energies[name] - expected) / scale
                 yield at_most(f"{what}: energy of {name}, relative difference", off, 1e-6, PEER)
         f = there.rows("f")
+        bent = beside_flat(system)
+        forces, f = forces[bent], f[bent]
         off = float(np.sqrt(((forces - f) ** 2).sum() / (f**2).sum()))
         yield at_most(f"{what}: forces, relative RMS difference", off, 1e-5, PEER)
         unit = "sigma" if system.units.name == "lj" else "angstrom"

@@ -515,7 +515,10 @@ def test_what_openmm_lacks_is_named(alanine):
             across(kd.Coulomb("reaction-field", cutoff=0.9), (0.0, 0.5, 1.0)),
             r"coulomb: pair \[2, 4\] is scaled in a react",
         ),
-        (ours.with_forces(*ours.forces, kd.ListedPairs([(0, 21)], 1.0)), r"pair \[0, 21\] is not left out of the other pair forces"),
+        (
+            ours.with_forces(*ours.forces, kd.ListedPairs([(0, 21)], 1.0)),
+            r"pair \[0, 21\] is not left out of the other pair forces",
+        ),
     ):
         with pytest.raises(kd.InputError, match=match):
             system.to_openmm()
