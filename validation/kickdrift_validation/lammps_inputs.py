@@ -1,8 +1,12 @@
 """Inputs of LAMMPS, taken by `kd.System.from_lammps`, beside LAMMPS itself; and written again by `to_lammps`.
 
-Each term's energy, the forces, and the positions after 20 steps of velocity Verlet. The polymer and the copper are
-LAMMPS' own benchmarks. The salt's sum over waves has an error of 1e-11 in both. LAMMPS' erfc is a polynomial with
-errors of 1.5e-7, so energies of charges are compared on the scale of the sums that cancel. ``long`` adds the copper.
+Each term's energy, the forces, and the positions after 20 steps of velocity Verlet. The polymer, the copper and the
+rhodopsin are LAMMPS' own benchmarks. The salt's sum over waves has an error of 1e-11 in both. LAMMPS' erfc is a
+polynomial with errors of 1.5e-7, so energies of charges are compared on the scale of the sums that cancel. The file of
+the rhodopsin has rigid bonds that are wrong by up to 1.4e-4 angstrom, and kickdrift projects its start on the
+constraints. So LAMMPS gets kickdrift's start, and its own constraints for the steps alone, since they add to the
+forces. LAMMPS' forces of impropers are wrong below 0.001 rad, where it divides by a sine of 0.001, so their particles
+are left out of the comparison of forces. ``long`` adds the copper and the rhodopsin.
 """
 
 from __future__ import annotations
@@ -18,12 +22,15 @@ import numpy as np
 import kickdrift as kd
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.external.lammps_library import lammps_class
+from kickdrift.model.molecules.relatives import measured
 from kickdrift_validation.claim import Claim, at_most, main
 
 STEPS = 20
+FLAT = 0.001  # sine of an angle, to which LAMMPS raises smaller ones in the forces of impropers
 PEER = "LAMMPS"
 TERMS = {"pair": ("evdwl",), "charges": ("ecoul", "elong"), "bonds": ("ebond",), "angles": ("eangle",),
          "dihedrals": ("edihed",), "impropers": ("eimp",)}  # fmt: skip
+JOINED = (("pair", "charges"), ("bonds", "angles"))  # kickdrift's springs across angles and listed pairs are in both
 CRYSTAL = """\
 units metal
 lattice {lattice}
@@ -76,17 +83,35 @@ def benchmark(name: str) -> str:
     return "\n".join(kept).replace(f"data.{name}", str(folder / f"data.{name}"))
 
 
+def rhodopsin() -> str:
+    """The benchmark of a protein in a membrane at constant energy, with charges and constraints that are finer."""
+    text = benchmark("rhodo").replace("fix             2 all npt temp 300.0 300.0 100.0 &", "fix 2 all nve")
+    text = text.replace("                z 0.0 0.0 1000.0 mtk no pchain 0 tchain 1\n", "").replace("1e-4", "1e-7")
+    return text.replace("0.0001 5 0", "1e-10 100 0").replace("mix arithmetic", "mix arithmetic table 0")
+
+
+def _c(values: Any) -> Any:
+    """The rows of an array as C's doubles."""
+    return np.ctypeslib.as_ctypes(np.array(values).ravel())
+
+
 class Beside:
     """LAMMPS after the same input: energies by term, forces, and positions after steps."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, system: kd.System) -> None:
         with chdir(path.parent):
             self.lmp = lammps_class()(cmdargs=["-log", "none", "-screen", "none", "-nocite"])
-            for line in path.read_text(encoding="utf-8").splitlines():
-                if not line.startswith(("run", "thermo")):
+            lines = path.read_text(encoding="utf-8").splitlines()
+            self.rigid = [line for line in lines if " shake " in line]
+            for line in lines:
+                if not line.startswith(("run", "thermo")) and line not in self.rigid:
                     self.lmp.command(line)
             for line in ("thermo_style one", "thermo_modify norm no", "neigh_modify delay 0 every 1 check yes"):
                 self.lmp.command(line)
+            if system.constraints is not None:
+                low = np.array(self.lmp.extract_box()[0])
+                self.lmp.scatter_atoms("x", 1, 3, _c(system.box.wrap(system.state.positions) + low))
+                self.lmp.scatter_atoms("v", 1, 3, _c(system.state.velocities))
             self.lmp.command("run 0")
 
     def rows(self, name: str) -> Any:
@@ -107,6 +132,8 @@ class Beside:
         """Largest component by which particles are apart after these steps of velocity Verlet here and there."""
         sim = kd.Simulation(system, "velocity-verlet", dt=system.run.dt)
         sim.advance(steps)
+        for line in self.rigid:
+            self.lmp.command(line)
         self.lmp.command(f"run {steps}")
         low = np.array(self.lmp.extract_box()[0])
         apart = system.box.minimum_image(sim.state.positions - (self.rows("x") - low))
@@ -125,19 +152,35 @@ def ours(system: kd.System) -> tuple[dict[str, float], Any]:
     return energies, forces
 
 
+def beside_flat(system: kd.System) -> Any:
+    """Which particles (n,) are in no improper that is flatter than LAMMPS' force of it is right."""
+    kept = np.ones(len(system), bool)
+    if system.topology is not None and len(impropers := system.topology.impropers):
+        angles = measured(system.box, system.state.phase[0], impropers, "impropers")
+        kept[impropers[np.abs(np.sin(angles)) < FLAT].ravel()] = False
+    return kept
+
+
 def compare(what: str, text: str) -> Iterator[Claim]:
     """Claims of one input."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "in.case"
         path.write_text(text, encoding="utf-8")
-        system, there = kd.System.from_lammps(path), Beside(path)
+        system = kd.System.from_lammps(path)
+        there = Beside(path, system)
         energies, forces = ours(system)
-        for name, expected in there.energies().items():
+        theirs = there.energies()
+        for one, other in JOINED if "angle_style charmm" in " ".join(text.split()) else ():
+            for each in (energies, theirs):
+                each[f"{one} and {other}"] = each.pop(one) + each.pop(other)
+        for name, expected in theirs.items():
             if expected:
-                scale = max(abs(expected), there.cancelling() if name in ("pair", "charges") else 0.0)
+                scale = max(abs(expected), there.cancelling() if name.startswith(("pair", "charges")) else 0.0)
                 off = abs(energies[name] - expected) / scale
                 yield at_most(f"{what}: energy of {name}, relative difference", off, 1e-6, PEER)
         f = there.rows("f")
+        bent = beside_flat(system)
+        forces, f = forces[bent], f[bent]
         off = float(np.sqrt(((forces - f) ** 2).sum() / (f**2).sum()))
         yield at_most(f"{what}: forces, relative RMS difference", off, 1e-5, PEER)
         unit = "sigma" if system.units.name == "lj" else "angstrom"
@@ -162,6 +205,7 @@ def claims(long: bool = False) -> Iterator[Claim]:
     yield from compare("sodium chloride, born/coul/long", SALT)
     if long:
         yield from compare("32,000 atoms of LAMMPS' copper, eam", benchmark("eam"))
+        yield from compare("32,000 atoms of LAMMPS' rhodopsin", rhodopsin())
 
 
 if __name__ == "__main__":

@@ -29,6 +29,7 @@ from kickdrift.forces import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.charges.coulomb import coulomb_of
 from kickdrift.model.molecules.relatives import Relatives, molecules_of
 from kickdrift.model.system import System
 from kickdrift.model.units.constants import SYMBOLS
@@ -95,12 +96,12 @@ def _refuse(system: System) -> None:
             raise InputError(f"to_gromacs: force {force.name!r} has no counterpart in the topology that is written")
     if sum(isinstance(force, LennardJones) for force in system.forces) > 1:
         raise InputError("to_gromacs: lennard-jones: the system has several, and GROMACS one")
-    if (force := _force(system, LennardJones)) is not None and len(force.ends(system.species)) > 1:
+    if (force := _lennard_jones(system)) is not None and len(force.ends(system.species)) > 1:
         raise InputError("to_gromacs: lennard-jones: its pairs have several cutoffs, and GROMACS has one")
 
 
-def _force(system: System, kind: type) -> Any:
-    return next((force for force in system.forces if isinstance(force, kind)), None)
+def _lennard_jones(system: System) -> Any:
+    return next((force for force in system.forces if isinstance(force, LennardJones)), None)
 
 
 def _names(system: System) -> list[str]:
@@ -129,7 +130,7 @@ def _topology(system: System) -> Iterator[str]:
     yield f"{GROMACS_TOPOLOGY}: {clean(system.name, 80)}\n; {_settings(system)}\n\n"
     pairs, factor = _pairs(system)
     yield f"[ defaults ]\n1 2 no 1.0 {factor!r}\n\n[ atomtypes ]\n"
-    names, lennard_jones = _names(system), _force(system, LennardJones)
+    names, lennard_jones = _names(system), _lennard_jones(system)
     masses = system.state.masses
     sites = set(system.virtual_sites.particles.tolist()) if system.virtual_sites is not None else set()
     for k, (name, species) in enumerate(zip(names, system.species, strict=True)):
@@ -149,7 +150,7 @@ def _topology(system: System) -> Iterator[str]:
 
 def _settings(system: System) -> str:
     """The .mdp's words for cutoffs and methods."""
-    lennard_jones, coulomb = _force(system, LennardJones), _force(system, Coulomb)
+    lennard_jones, coulomb = _lennard_jones(system), coulomb_of(system)
     found = []
     if lennard_jones is not None:
         end = lennard_jones.truncation
@@ -204,7 +205,7 @@ def _pairs(system: System) -> tuple[list[Line], float]:
     terms: dict[tuple[int, int], tuple[float, float, float]] = {}
     charges = np.zeros(len(system)) if system.charges is None else system.charges
     left: set[tuple[int, int]] = set()
-    lennard_jones = _force(system, LennardJones)
+    lennard_jones = _lennard_jones(system)
     if system.topology is not None:
         for (i, j), factor in zip(*(part.tolist() for part in system.topology.scaled), strict=True):
             left.add((i, j))

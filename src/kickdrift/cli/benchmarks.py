@@ -105,7 +105,7 @@ def bench_speed(
 
 def bench_lammps(
     only: Annotated[
-        list[str] | None, option("NAME", "lj, chain or eam; repeat for several (default: all three).")
+        list[str] | None, option("NAME", "lj, chain, eam or rhodo; repeat for several (default: all four).")
     ] = None,
     multiples: Annotated[
         tuple[float, float, float],

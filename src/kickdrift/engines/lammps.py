@@ -14,7 +14,6 @@ from kickdrift.bridges.lammps.laws import STYLE_OF, STYLES, range_of
 from kickdrift.engines.fields import IN_LAMMPS, lammps_fixes, lammps_refusal, virial_of, without
 from kickdrift.engines.forces import (
     beside_charges,
-    coulomb_of,
     many_body,
     one_pair_law,
     small_units,
@@ -31,6 +30,7 @@ from kickdrift.engines.tables import ERROR, POINTS, table_of
 from kickdrift.errors import InputError
 from kickdrift.forces import LennardJones, ListedPairs, WeeksChandlerAndersen, Yukawa
 from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.charges.coulomb import coulomb_of
 from kickdrift.forces.charges.radial import ALL_IMAGES
 from kickdrift.forces.charges.waves import waves_of
 from kickdrift.forces.many_body.tersoff import Tersoff

@@ -15,15 +15,17 @@ from kickdrift.disk.outputs import checked_target, private_place, settle
 from kickdrift.disk.outputs import reason as reason_of
 from kickdrift.engines import rigid
 from kickdrift.engines.fields import without
-from kickdrift.engines.forces import beside_charges, coulomb_of, strange
+from kickdrift.engines.forces import beside_charges, split, strange
 from kickdrift.engines.lammps import APART, modelled, refused
-from kickdrift.engines.lammps_model import FIXES, Model, Space, acting, bonded_commands, bonded_of, data_of
-from kickdrift.engines.special import special_of
+from kickdrift.engines.lammps_model import FIXES, Bonded, Model, Space, acting, bonded_commands, bonded_of, data_of
+from kickdrift.engines.special import WHOLE, special_of
 from kickdrift.errors import InputError
 from kickdrift.forces import LammpsForce
 from kickdrift.forces.charges.accuracy import TYPICAL
+from kickdrift.forces.charges.coulomb import coulomb_of
 from kickdrift.forces.external.lammps import ALONG_BONDS
 from kickdrift.forces.external.lammps_data import flags_of
+from kickdrift.forces.external.lammps_host import typed_lists
 from kickdrift.forces.fields.restraint import Restraint
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.system import System
@@ -94,6 +96,11 @@ def _own(system: System) -> LammpsForce | None:
     return next((force for force in system.forces if isinstance(force, LammpsForce)), None)
 
 
+def _along(own: LammpsForce) -> str:
+    """The force's first command of bonds, angles and so on; "" without one."""
+    return next((word for line in own.commands if (word := line.split()[0]) in ALONG_BONDS), "")
+
+
 def _alone(system: System) -> bool:
     """Whether no force of the System acts between pairs of free particles."""
     inner = without(system, APART)
@@ -120,8 +127,8 @@ def _refusal(system: System) -> str | None:
         system = system.under([force for force in system.forces if force is not own])
         if not _alone(system):
             return "force 'lammps': LAMMPS takes one pair style, and the system has another pair force"
-        if along := [word for line in own.commands if (word := line.split()[0]) in ("special_bonds", *ALONG_BONDS)]:
-            return f"force 'lammps': {along[0]}: the input has types of bonds and factors of its own"
+        if (along := _along(own)) and (split(system)[1] or system.constraints is not None):
+            return f"force 'lammps': {along}: its types are the topology's, and the other forces along bonds differ"
     if not _alone(system):
         return refused(system) or rigid.refusal(system)
     special = special_of(system, None)
@@ -142,12 +149,18 @@ def _model(system: System) -> Model:
         return model._replace(ewald=model.ewald._replace(charges=system.charges, accuracy=coulomb.accuracy * typical))
     kinds, which = np.unique(np.column_stack([system.species_index, masses]), axis=0, return_inverse=True)
     pair: tuple[str, ...] = ("pair_style zero 1.0", "pair_coeff * *")
+    bonded = None if own is not None and _along(own) else bonded_of(system, None)
     if own is not None:
         rows = [own.pair_coeff] if isinstance(own.pair_coeff, str) else own.pair_coeff
         pair = (f"pair_style {own.pair_style}", *(f"pair_coeff {row}" for row in rows), *own.commands)
+        if bonded is None and system.topology is not None:  # the force has the terms of bonds
+            names, lists, labels = typed_lists(system.topology)
+            factors = " ".join(map(repr, system.topology.factors or WHOLE))
+            counts = {kind: len(known) for kind, known in names.items()}
+            bonded, pair = Bonded((f"special_bonds lj/coul {factors}",), lists, counts, 0.0), (*labels, *pair)
     return Model(
         system.box, (which.reshape(-1) + 1).astype(np.int32), tuple(kinds[:, 1].tolist()), (), REACH, False, False, dt,
-        system.dimensions, stepping, bonded_of(system, None), own=pair,
+        system.dimensions, stepping, bonded, own=pair,
     )  # fmt: skip
 
 

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from kickdrift.bridges.bonded_laws import LAWS
 from kickdrift.engines.fields import PositionRestraint
-from kickdrift.engines.forces import LAWS, split, strange
+from kickdrift.engines.forces import split, strange
 from kickdrift.engines.job import Job
 from kickdrift.engines.rigid import rigid_items
 from kickdrift.engines.special import Special, special_of

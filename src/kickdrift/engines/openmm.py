@@ -20,12 +20,11 @@ from typing import Any
 
 import numpy as np
 
+from kickdrift.bridges.bonded_laws import LAWS
 from kickdrift.engines import openmm_charges
 from kickdrift.engines.fields import IN_OPENMM, openmm_fields, virial_of, without
 from kickdrift.engines.forces import (
-    LAWS,
     beside_charges,
-    coulomb_of,
     one_pair_law,
     small_units,
     split,
@@ -38,6 +37,7 @@ from kickdrift.engines.tables import POINTS
 from kickdrift.errors import InputError
 from kickdrift.forces import Coulomb, Gravity, LennardJones
 from kickdrift.forces.bound.forces import Measured
+from kickdrift.forces.charges.coulomb import coulomb_of
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.forces.pairs.tabulated import Tabulated
 from kickdrift.integrators.splitting.method import Splitting

@@ -46,9 +46,11 @@ def test_what_a_universe_lacks_is_named():
         kd.System.from_mdanalysis([])
 
 
-@pytest.mark.parametrize(("suffix", "pack"), [(".gz", gzip.compress), (".bz2", bz2.compress)])
-def test_packed_structures_load(suffix, pack, tmp_path):
-    text = '2\nLattice="9 0 0 0 9 0 0 0 9" Properties=species:S:1:pos:R:3:initial_charges:R:1 pbc="T T T"\n'
+@pytest.mark.parametrize(
+    ("suffix", "pack", "column"), [(".gz", gzip.compress, "initial_charges"), (".bz2", bz2.compress, "charge")]
+)
+def test_packed_structures_load(suffix, pack, column, tmp_path):
+    text = f'2\nLattice="9 0 0 0 9 0 0 0 9" Properties=species:S:1:pos:R:3:{column}:R:1 pbc="T T T"\n'
     text += "Na 1 1 1 1.0\nCl 4 4 4 -1.0\n"
     path = tmp_path / f"salt.extxyz{suffix}"
     path.write_bytes(pack(text.encode()))

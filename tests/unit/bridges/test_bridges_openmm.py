@@ -200,8 +200,10 @@ def test_a_custom_force_is_the_law_with_its_energies(kind, formula, values, law)
     theirs, x = custom(kind, formula, values)
     ours = kd.System.from_openmm(theirs, None, x)
     assert {force.name for force in ours.forces} == {law}
+    back, _, x, _ = ours.to_openmm()
     context = context_of(theirs, x)
     (expected,) = energies_of(context, theirs).values()
+    assert sum(energies_of(context_of(back, x), back).values()) == pytest.approx(expected, rel=1e-8)
     assert BoundForces(ours).measure(0.0, ours.state.phase).potential == pytest.approx(expected, rel=1e-8)
     pulls = context.getState(forces=True).getForces(asNumpy=True)._value
     np.testing.assert_allclose(kd.Simulation(ours, dt=0.0005).forces(), pulls, rtol=1e-7, atol=1e-7)
@@ -223,8 +225,10 @@ def test_a_custom_force_of_any_formula_is_that_of_openmm(kind, formula, values, 
         theirs.getForce(0).addGlobalParameter("depth", 7.0)
     ours = kd.System.from_openmm(theirs, None, x)
     assert {force.name for force in ours.forces} == {law}
+    back, _, x, _ = ours.to_openmm()
     context = context_of(theirs, x)
     (expected,) = energies_of(context, theirs).values()
+    assert sum(energies_of(context_of(back, x), back).values()) == pytest.approx(expected, rel=1e-13)
     assert BoundForces(ours).measure(0.0, ours.state.phase).potential == pytest.approx(expected, rel=1e-8)
     pulls = context.getState(forces=True).getForces(asNumpy=True)._value
     np.testing.assert_allclose(kd.Simulation(ours, dt=0.0005).forces(), pulls, rtol=1e-7, atol=1e-7)
@@ -265,6 +269,19 @@ def test_pairs_of_any_formula_are_those_of_openmm(beside, water):
     pulls = context.getState(forces=True, groups={0}).getForces(asNumpy=True)._value
     found = kd.Simulation(alone, dt=0.0005).forces()
     assert np.sqrt(((found - pulls) ** 2).sum() / (pulls**2).sum()) < 1e-8
+    back, _, x, _ = alone.to_openmm()
+    assert sum(energies_of(context_of(back, x), back).values()) == pytest.approx(expected, rel=1e-12)
+
+
+def test_pairs_of_species_with_parameters_of_their_own_go_to_openmm():
+    table = {("A", "B"): {"epsilon": 0.7, "sigma": 0.4}}
+    several = [kd.LennardJones(0.5, 0.3, pairs=table, cutoff=1.0), kd.LennardJones(2.0, 0.2, cutoff=0.8)]
+    ours = kd.System([[0, 0, 0], [0.5, 0, 0]], masses=1.0, species=["A", "B"], units="gromacs", forces=several)
+    theirs, _, x, _ = ours.to_openmm()
+    laws = [(force.pair_law("A", "B").law, force.cutoff) for force in several]
+    energy = sum(law(0.25)[0] - law(cutoff**2)[0] for law, cutoff in laws)
+    found = context_of(theirs, x).getState(energy=True).getPotentialEnergy()._value
+    assert found == pytest.approx(energy, rel=1e-14)
 
 
 def test_custom_forces_without_a_law_are_named():
@@ -492,14 +509,16 @@ def test_what_openmm_lacks_is_named(alanine):
         (kd.load("lj-1000"), "to_openmm: units 'lj'"),
         (ours.with_fixed(kd.Fixed(0, velocity=[0.1, 0, 0])), "to_openmm: OpenMM keeps fixed particles at rest"),
         (ours.with_forces(*ours.forces, kd.HarmonicTrap(1.0)), "to_openmm: force 'harmonic-trap' has no counterpart"),
-        (ours.with_forces(kd.LennardJones(cutoff=1.0)), 'lennard-jones: OpenMM has truncation "cut"'),
+        (ours.with_forces(kd.LennardJones(cutoff=1.0, truncation="force-shift")), "has no truncation 'force-shift'"),
         (ours.with_forces(kd.LennardJones(cutoff=1.0, truncation="cut"), kd.Coulomb("direct")), "one cutoff for both"),
-        (ours.with_forces(*ours.forces, kd.LennardJones(cutoff=1.0)), "lennard-jones: the system has several"),
         (
             across(kd.Coulomb("reaction-field", cutoff=0.9), (0.0, 0.5, 1.0)),
             r"coulomb: pair \[2, 4\] is scaled in a react",
         ),
-        (ours.with_forces(kd.ListedPairs([(0, 21)], 1.0)), r"pair \[0, 21\] is not left out of the other pair forces"),
+        (
+            ours.with_forces(*ours.forces, kd.ListedPairs([(0, 21)], 1.0)),
+            r"pair \[0, 21\] is not left out of the other pair forces",
+        ),
     ):
         with pytest.raises(kd.InputError, match=match):
             system.to_openmm()
@@ -538,7 +557,7 @@ def test_particles_without_a_counterpart_are_named():
         topology.addAtom("X", None, topology.addResidue("X", chain))
         theirs.addParticle(0.0 if k == 2 else 1.0)
     x = np.eye(3)
-    refused(theirs, topology, x, "particle 2 has no mass, so OpenMM holds it fixed")
+    assert kd.System.from_openmm(theirs, topology, x).fixed.particles.tolist() == [2]
     axes = openmm.Vec3(1, 0, 0), openmm.Vec3(-1, 1, 0), openmm.Vec3(0, -1, 1)
     theirs.setVirtualSite(2, openmm.LocalCoordinatesSite(0, 1, 1, *axes, openmm.Vec3(0.1, 0, 0)))
     refused(theirs, topology, x, "particle 2 is a LocalCoordinatesSite, which has no counterpart")

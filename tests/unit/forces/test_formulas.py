@@ -14,7 +14,7 @@ FORMULAS = (
     "sqrt(r)+exp(-r)*log(k*r)", "sin(r)*cos(k*r)+tan(r/2)", "sec(r/3)+csc(r)+cot(r)", "sinh(r)-cosh(r/k)+tanh(r)",
     "square(r)+cube(r)/recip(r)", "abs(r-2)*min(r, 2)+max(r, k)", "step(r-0.5)*r", "select(step(r-1), r^2, k*r)",
     "select(k-1.7, 1, r^3)", "-r^2+2^-1/r^k^0.5+k^r+r^n", "k*d^2; d=r-r0; r0=0.5*k", "exp*min(min, r)*exp(-exp*r)",
-    "r^0.5+r^-0.5+r^-3+r^1.5",
+    "r^0.5+r^-0.5+r^-3+r^1.5", "k*(r-2)^n", "select(step(r-2), sqrt(r-2), 0)",
 )  # fmt: skip
 
 

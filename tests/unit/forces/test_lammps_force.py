@@ -126,7 +126,7 @@ angle_coeff 1 5.0 120.0
 """
 
 
-def test_a_snippet_of_an_input_acts_along_the_bonds_of_the_topology():
+def test_a_snippet_of_an_input_acts_along_the_bonds_of_the_topology(tmp_path):
     rng = np.random.default_rng(6)
     chain = np.array([[0.0, 0, 0], [0.9, 0.3, 0], [1.7, -0.2, 0.4], [2.6, 0.2, 0.3]])
     sites = np.indices((2, 2, 3)).reshape(3, -1).T * [3.5, 1.9, 1.5]
@@ -147,8 +147,11 @@ def test_a_snippet_of_an_input_acts_along_the_bonds_of_the_topology():
     assert loads(made[1].to_toml()).forces == made[1].forces
     with pytest.raises(InputError, match=r"lammps: LAMMPS refuses 'bond_coeff stif 1.0 1.0': .*stif"):
         made[1].with_forces([kd.LammpsForce(commands=SNIPPET.replace("stiff 150.0", "stif 1.0"))])
-    with pytest.raises(InputError, match=r"to_lammps: force 'lammps': bond_style: the input has types of bonds"):
-        made[1].to_lammps("in.never")
+    again = kd.System.from_lammps(made[1].to_lammps(tmp_path / "in.mine").input)
+    assert [force.name for force in again.forces] == ["lennard-jones", "harmonic-bond", "harmonic-angle"]
+    assert again.energy().potential == pytest.approx(made[0].energy().potential, rel=1e-12)
+    with pytest.raises(InputError, match=r"to_lammps: force 'lammps': bond_style: its types are the topology's"):
+        made[1].with_forces(*made[1].forces, own[1]).to_lammps(tmp_path / "in.never")
 
 
 def test_waves_of_charges_are_those_of_coulombs_law():
@@ -160,6 +163,8 @@ def test_waves_of_charges_are_those_of_coulombs_law():
         for force in (kd.Coulomb("ewald", 1e-10, cutoff=5.5), theirs)
     ]
     beside(*made, forces=2e-7, rest=1e-7)  # LAMMPS' error function has eight digits
+    with pytest.raises(InputError, match=r"coul/long 0.001: with the cutoff 0.001 and .* would sum over 5e\+14 waves"):
+        made[0].with_forces([kd.LammpsForce("coul/long 0.001", commands=["kspace_style ewald 1e-6"])])
 
 
 def test_energy_and_virial_are_summed_for_samples_alone(monkeypatch):

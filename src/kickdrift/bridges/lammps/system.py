@@ -69,7 +69,7 @@ def _script(path: Path, units: str | None, commands: Sequence[str], trusted: boo
     if is_lammps_input(whole) or not is_lammps_data(whole):
         if units is not None or commands:
             raise InputError("units and commands are for data files; an input has its own")
-        script = script_of(whole, trusted)
+        script = script_of(path, trusted)
         if not script.lines:
             raise InputError("has no commands that build a system; the file may be cut off")
         if not any(line.split()[0] == "units" for line in script.lines):

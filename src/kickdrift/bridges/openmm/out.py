@@ -11,6 +11,8 @@ import openmm
 import openmm.app as app
 from openmm import unit
 
+from kickdrift.bridges.bonded_laws import LAWS
+from kickdrift.bridges.openmm.custom_out import TRUNCATIONS, in_formulas, listed, paired
 from kickdrift.bridges.openmm.files import Parts
 from kickdrift.bridges.openmm.nonbonded import FAR, METHODS
 from kickdrift.errors import InputError
@@ -25,8 +27,11 @@ from kickdrift.forces import (
     PeriodicImproper,
     RyckaertBellemans,
 )
+from kickdrift.forces.bonded.law import BondedForce
+from kickdrift.forces.charges.coulomb import coulomb_of
+from kickdrift.forces.formulas.given import Formulas
 from kickdrift.forces.pairs.ends import WITH_TAIL
-from kickdrift.forces.pairs.law import PairForce
+from kickdrift.forces.pairs.formula import FormulaPair
 from kickdrift.model.molecules.relatives import molecules_of
 from kickdrift.model.molecules.virtual_sites import VirtualSite
 from kickdrift.model.system import System
@@ -55,8 +60,8 @@ def parts_of(system: System) -> Parts:
     """Return OpenMM's objects; see `System.to_openmm`."""
     if system.units.name not in MOLECULAR:
         raise InputError(f"to_openmm: units {system.units.name!r}: expected {choices(MOLECULAR)}")
+    system = in_formulas(system.in_units("gromacs"))
     _refuse(system)
-    system = system.in_units("gromacs")
     made = openmm.System()
     masses = system.state.masses if system.fixed is None else system.fixed.free(system.state.masses)
     for mass in masses.tolist():  # OpenMM leaves particles without mass in place
@@ -70,9 +75,14 @@ def parts_of(system: System) -> Parts:
         made.addForce(_nonbonded(system))
     bonded: dict[str, Any] = {}
     for force in system.forces:
-        if type(force) in BONDED:
-            name, add = BONDED[type(force)]
+        if isinstance(force, FormulaPair):
+            made.addForce(paired(system, force, FAR))
+        elif isinstance(force, BondedForce):
             items, laws, which = force.items(system)
+            if type(force) not in BONDED or not all(map(_is_periodic, laws)):
+                bonded[f"{force.name} {len(bonded)}"] = listed(system, force)
+                continue
+            name, add = BONDED[type(force)]
             target = bonded.setdefault(name, getattr(openmm, name)())
             for item, law in zip(items.tolist(), which.tolist(), strict=True):
                 add(target, item, laws[law])
@@ -89,6 +99,12 @@ def parts_of(system: System) -> Parts:
     return Parts(made, topology, system.state.positions, system.state.velocities)
 
 
+def _is_periodic(law: Any) -> bool:
+    """Whether OpenMM has the multiplicity of a law, if it has one: a positive whole number."""
+    multiplicity = getattr(law, "multiplicity", 1)
+    return bool(multiplicity >= 1 and multiplicity == int(multiplicity))
+
+
 def _refuse(system: System) -> None:
     """Refuse what these forces of OpenMM do not have."""
     if system.dimensions != 3 or (system.box.periodic and not all(system.box.periodic_axes)):
@@ -96,18 +112,18 @@ def _refuse(system: System) -> None:
     if system.fixed is not None and system.fixed.move:
         raise InputError("to_openmm: OpenMM keeps fixed particles at rest, and those of this system move")
     for force in system.forces:
-        if type(force) not in (*BONDED, Cmap, LennardJones, Coulomb, ListedPairs):
-            raise InputError(f"to_openmm: force {force.name!r} has no counterpart among OpenMM's standard forces")
-    if sum(isinstance(force, LennardJones) for force in system.forces) > 1:
-        raise InputError("to_openmm: lennard-jones: the system has several, and OpenMM one")
-    for force in system.forces:
-        if isinstance(force, PairForce) and (force.truncation not in WITH_TAIL or force.pairs):
-            raise InputError(
-                'to_openmm: lennard-jones: OpenMM has truncation "cut" or "potential-switch", and mixes by Lorentz and '
-                "Berthelot alone"
-            )
-        if isinstance(force, PairForce) and len(force.ends(system.species)) > 1:
+        if type(force) not in (*BONDED, *LAWS, Cmap, LennardJones, Coulomb, ListedPairs) and not isinstance(
+            force, Formulas
+        ):
+            raise InputError(f"to_openmm: force {force.name!r} has no counterpart in OpenMM")
+    lennard_jones: list[Any] = [force for force in system.forces if isinstance(force, LennardJones)]
+    for pair in lennard_jones:
+        if pair.truncation not in WITH_TAIL:
+            known = choices(TRUNCATIONS)
+            raise InputError(f"to_openmm: lennard-jones: OpenMM has no truncation {pair.truncation!r}; it has {known}")
+        if len(pair.ends(system.species)) > 1:
             raise InputError("to_openmm: lennard-jones: OpenMM has one cutoff for all pairs of species")
+    for force in system.forces:
         if isinstance(force, Coulomb) and (force.dielectric != 1.0 or force.method == "damped-shifted"):
             raise InputError(f"to_openmm: coulomb: OpenMM has no method {force.method!r} with this dielectric")
         if isinstance(force, Coulomb) and force.method == "reaction-field" and system.topology is not None:
@@ -163,7 +179,7 @@ def _cmap(force: Cmap) -> Any:
 def _nonbonded(system: System) -> Any:
     """The NonbondedForce of the Lennard-Jones force, the charges and the listed pairs."""
     pair: Any = next((force for force in system.forces if isinstance(force, LennardJones)), None)
-    coulomb: Any = next((force for force in system.forces if isinstance(force, Coulomb)), None)
+    coulomb = coulomb_of(system)
     made = openmm.NonbondedForce()
     charges = np.zeros(len(system)) if coulomb is None or system.charges is None else system.charges
     laws = [(1.0, 0.0)] * len(system.species)
@@ -191,7 +207,8 @@ def _nonbonded(system: System) -> Any:
                       (force.charges, force.sigma, force.epsilon))  # fmt: skip
             for (i, j), charge, sigma, well in zip(force.pairs, *values, strict=True):
                 key = min(i, j), max(i, j)
-                if key not in terms or terms[key][0] or terms[key][2]:
+                alone = pair is None and coulomb is None and key not in terms
+                if not alone and (key not in terms or terms[key][0] or terms[key][2]):
                     raise InputError(
                         f"to_openmm: listed-pairs: pair {[i, j]} is not left out of the other pair forces, and OpenMM "
                         "has one term for each pair"
@@ -230,23 +247,23 @@ def _set_method(made: Any, system: System, pair: Any, coulomb: Any) -> None:
 
 
 def _topology(system: System) -> Any:
-    """OpenMM's Topology: a residue for each molecule, elements by the species, and the bonds."""
+    """OpenMM's Topology: a residue for neighbouring particles of a molecule, elements by the species, and the bonds."""
     made = app.Topology()
     chain = made.addChain()
     bonds = np.zeros((0, 2), np.int64) if system.topology is None else system.topology.bonds
-    residues: dict[int, Any] = {}
+    residue, last = None, -1
     atoms = []
     for molecule, kind in zip(molecules_of(bonds, len(system)).tolist(), system.species_index.tolist(), strict=True):
-        if molecule not in residues:
-            residues[molecule] = made.addResidue("MOL", chain)
+        if molecule != last:
+            residue, last = made.addResidue("MOL", chain), molecule
         name = system.species[kind]
-        atoms.append(made.addAtom(name, _element(name), residues[molecule]))
+        atoms.append(made.addAtom(name, element_of(name), residue))
     for i, j in bonds.tolist():
         made.addBond(atoms[i], atoms[j])
     return made
 
 
-def _element(species: str) -> Any:
+def element_of(species: str) -> Any:
     """The element whose symbol begins a species such as "C1"; None if there is none."""
     found = SYMBOL.match(species)
     try:

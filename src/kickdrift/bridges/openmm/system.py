@@ -12,10 +12,12 @@ from openmm import unit
 
 from kickdrift.bridges.openmm.files import Asked, read
 from kickdrift.bridges.openmm.nonbonded import nonbonded
+from kickdrift.bridges.openmm.out import element_of
 from kickdrift.bridges.openmm.out import parts_of as parts_of  # System.to_openmm
 from kickdrift.bridges.openmm.terms import TAKEN, Molecules, number
 from kickdrift.errors import InputError
 from kickdrift.model.box.box import Box
+from kickdrift.model.fixed import Fixed
 from kickdrift.model.molecules.constraint import Constraint
 from kickdrift.model.molecules.topology import Topology
 from kickdrift.model.molecules.virtual_sites import VirtualSite
@@ -42,6 +44,11 @@ def system_of(
         raise InputError(f"system: expected openmm.System, got {type(given).__name__}")
     n = given.getNumParticles()
     symbols, bonds = _read(topology, n)
+    masses = [number(given.getParticleMass(i)) for i in range(n)]
+    still = [i for i, mass in enumerate(masses) if not mass and not given.isVirtualSite(i)]
+    for i in still:  # which OpenMM leaves in place; kickdrift's particles keep a mass
+        element = element_of(symbols[i])
+        masses[i] = 1.0 if element is None else element.mass._value
     x = _vectors("positions", positions, unit.nanometer, n)
     v = None if velocities is None else _vectors("velocities", velocities, unit.nanometer / unit.picosecond, n)
     _refuse(given)
@@ -66,10 +73,10 @@ def system_of(
     box, turn = Box(None), np.eye(3)
     if given.usesPeriodicBoundaryConditions():
         box, turn = Box.from_vectors([number(row) for row in given.getDefaultPeriodicBoxVectors()])
-    return System(
+    made = System(
         x @ turn.T,
         None if v is None else v @ turn.T,
-        [number(given.getParticleMass(i)) for i in range(n)],
+        masses,
         box if box.periodic else None,
         [*(found.forces if found else ()), *forces],
         UNITS,
@@ -81,6 +88,7 @@ def system_of(
         constraints=[Constraint(pairs=pairs, distance=[number(length) for *_, length in kept])] if kept else None,
         virtual_sites=_sites(given),
     )
+    return made.with_fixed(Fixed(still)) if still else made
 
 
 def file_system(path: Path, asked: Asked) -> System:
@@ -143,13 +151,10 @@ def _sites(given: Any) -> list[VirtualSite] | None:
 
 
 def _refuse(given: Any) -> None:
-    """Refuse what has no counterpart: other virtual sites, particles without mass, and other forces."""
-    for i in range(given.getNumParticles()):
-        if given.isVirtualSite(i):
-            if (kind := type(given.getVirtualSite(i)).__name__) not in SITES:
-                raise InputError(f"system: particle {i} is a {kind}, which has no counterpart in kickdrift")
-        elif not number(given.getParticleMass(i)):
-            raise InputError(f"system: particle {i} has no mass, so OpenMM holds it fixed; kickdrift holds none fixed")
+    """Refuse what has no counterpart: other virtual sites, and other forces."""
+    for i in filter(given.isVirtualSite, range(given.getNumParticles())):
+        if (kind := type(given.getVirtualSite(i)).__name__) not in SITES:
+            raise InputError(f"system: particle {i} is a {kind}, which has no counterpart in kickdrift")
     for k, force in enumerate(given.getForces()):
         kind = type(force).__name__
         if kind not in (*TAKEN, PAIRS, OWN_PAIRS, BAROSTAT, NEEDLESS):

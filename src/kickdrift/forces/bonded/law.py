@@ -36,7 +36,7 @@ def value_of(law: Any, at: float) -> tuple[float, float]:
     Raises InputError if the law raises anything else, or does not return two numbers."""
     name = type(law).__qualname__.split(".")[-2] if "." in type(law).__qualname__ else type(law).__name__
     try:
-        found = law.law(at)
+        found = getattr(law, "plain", law.law)(at)
     except (ArithmeticError, ValueError):  # such as a division by zero, which is nan or infinite in compiled code
         return math.nan, math.nan
     except Exception as error:

@@ -118,6 +118,7 @@ class Coulomb(Grouped):
     name: ClassVar[str] = "coulomb"
     stands_for: ClassVar[str] = "the forces between charges"
     thermal: ClassVar[bool] = True
+    takes_charges: ClassVar[bool] = True
     on_sites: ClassVar[bool] = True
     dimensions: ClassVar[dict[str, str]] = {"cutoff": "length", "alpha": "inverse length", "waves": "inverse length"}
 
@@ -347,3 +348,8 @@ class Coulomb(Grouped):
                 f"{self.name}: accuracy {self.accuracy:g} is more than pairs in float32 give to {len(system):,} "
                 f'particles, {least:.1e}; take precision "double"'
             )
+
+
+def coulomb_of(system: Any) -> Coulomb | None:
+    """The force between the charges of a System, or None."""
+    return next((force for force in getattr(system, "forces", ()) if isinstance(force, Coulomb)), None)

@@ -30,6 +30,7 @@ ALONG_BONDS = tuple(
     f"{kind}_{word}" for kind in ("bond", "angle", "dihedral", "improper") for word in ("style", "coeff")
 )
 COMMANDS = ("pair_modify", "kspace_style", "kspace_modify", "special_bonds", "dielectric", *ALONG_BONDS)
+MOST_WAVES = 1e8
 FINEST = 1e-12  # accuracy of kspace_style, below which LAMMPS' sums have no end
 PLAIN = frozenset(
     "!*+,-./0123456789:=@ABCDEFGHIJKLMNOPQRSTUVWXYZ[]_abcdefghijklmnopqrstuvwxyz~ "
@@ -172,6 +173,11 @@ class LammpsForce(Field):
             raise InputError(f"{self.name}: kspace_style: the accuracy lies from {FINEST:g} to 1, got {words[1]}")
 
     @property
+    def takes_charges(self) -> bool:
+        """Whether charges of the System have an effect on the force."""
+        return self.atom_style != "atomic"
+
+    @property
     def label(self) -> str:
         """The pair style's name."""
         return self.pair_style.split()[0]
@@ -195,7 +201,25 @@ class LammpsForce(Field):
                 f"{self.name}: LAMMPS leaves out pairs by their bonds alone, and the topology has exclusions"
             )
         check_massive(self.name, system, range(len(system)))
+        self._check_waves(system)
         self._host(system).open()
+
+    def _check_waves(self, system: Subject) -> None:
+        """Refuse a cutoff of charges so short that LAMMPS would sum over waves without end. In Ewald's sum both parts
+        fall to the accuracy: erfc(alpha cutoff) in space, and exp(-k^2 / 4 alpha^2) over waves."""
+        accuracy = next((number_of(line.split()[2]) for line in self.commands
+                         if line.startswith("kspace_style ") and len(line.split()) > 2), 0.0)  # fmt: skip
+        found = re.search(r"\S*/long\S*((?: [\d.eE+-]+)+)", f" {self.pair_style}")
+        if not accuracy or found is None:
+            return
+        cutoff = number_of(found[1].split()[-1])
+        digits = -math.log(accuracy)
+        waves = system.volume * (2.0 * digits / cutoff) ** 3 / (6.0 * math.pi**2) if cutoff > 0 else math.inf
+        if waves > MOST_WAVES and math.isfinite(system.volume):
+            raise InputError(
+                f"{self.name}: pair_style {self.pair_style}: with the cutoff {cutoff:g} and accuracy {accuracy:g}, "
+                f"LAMMPS would sum over {waves:.0e} waves; take a longer cutoff"
+            )
 
     def bind(self, system: Subject, threads: int = 1) -> ExternalKernel:
         """See Field."""

@@ -212,17 +212,25 @@ class LammpsHost(RenewedHost):
         self.put(self._f[self._order], energy, float(virial[:3].sum()), virial)
 
 
-def _types(topology: Any) -> dict[str, list[str]]:
+def typed_lists(topology: Any) -> tuple[dict[str, list[str]], dict[str, Any], list[str]]:
     """Names of the types of bonds, angles and so on, in LAMMPS' order: by number if they are numbers, else as they
-    come."""
-    found = {}
+    come. Then rows of a type and particles, both from 1, and the commands that tell LAMMPS the names."""
+    found: dict[str, list[str]] = {}
+    if topology is None:
+        return {}, {}, []
     for kind in SIZES:
         names = list(dict.fromkeys(topology.types(kind)))
         if names and all(name.isdecimal() and 0 < int(name) <= 10_000 for name in names):
             names = [str(k) for k in range(1, max(map(int, names)) + 1)]
         if names:
             found[kind] = names
-    return found
+    lists = {
+        kind: np.column_stack([[1 + known.index(name) for name in topology.types(kind)], getattr(topology, kind) + 1])
+        for kind, known in found.items()
+    }
+    labels = [f"labelmap {kind[:-1]} {' '.join(f'{k} {name}' for k, name in enumerate(known, 1))}"
+              for kind, known in found.items() if all(map(LABEL.fullmatch, known))]  # fmt: skip
+    return found, lists, labels
 
 
 def lammps_host(force: Any, system: Subject, units: str, renewal: float) -> LammpsHost:
@@ -235,12 +243,7 @@ def lammps_host(force: Any, system: Subject, units: str, renewal: float) -> Lamm
     charges = system.charges if force.atom_style != "atomic" else None
     if charges is None and force.atom_style == "charge":
         charges = np.zeros(n)
-    names = {} if topology is None else _types(topology)
-    lists = {
-        kind: np.column_stack([[1 + known.index(name) for name in topology.types(kind)], getattr(topology, kind) + 1])
-        for kind, known in names.items()
-        if topology is not None
-    }
+    names, lists, labels = typed_lists(topology)
     bonds = np.zeros((0, 2), np.int64) if topology is None else topology.bonds
     masses = [system.state.masses[kinds == each] for each in range(1, len(system.species) + 1)]
     data = DataFile(
@@ -257,8 +260,7 @@ def lammps_host(force: Any, system: Subject, units: str, renewal: float) -> Lamm
         f"units {units}", f"atom_style {'molecular' if charges is None else 'full'}",
         "atom_modify map array sort 0 0", f"boundary {' '.join('p' if each else 'm' for each in periodic)}",
         "box tilt large", *(special or [f"special_bonds lj/coul {factors}"]), "read_data",
-        *(f"labelmap {kind[:-1]} {' '.join(f'{k} {name}' for k, name in enumerate(known, 1))}"
-          for kind, known in names.items() if all(map(LABEL.fullmatch, known))),
+        *labels,
         f"pair_style {force.pair_style}", *(f"pair_coeff {each}" for each in force.pair_coeff),
         *(line for line in force.commands if line not in special),
         f"neighbor {2.001 * renewal!r} bin", "neigh_modify delay 1000000000 every 1 check no",

@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, lru_cache
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,8 @@ FUNCTIONS: dict[str, tuple[int, Numeric]] = {  # number of arguments, and the va
     "abs": (1, abs), "step": (1, lambda x: 0.0 if x < 0.0 else 1.0), "min": (2, min), "max": (2, max),
     "select": (3, lambda x, yes, no: yes if x != 0.0 else no),
 }  # fmt: skip
+PARITY = "(-1)^"  # names the factor of a power of a negative number, which no formula can call
+INNER: dict[str, Numeric] = {PARITY: lambda n: math.nan if n % 1.0 else 1.0 - 2.0 * (n % 2.0)}
 WRITTEN: dict[str, str] = {  # functions of others
     "tan": "sin(x)/cos(x)", "sec": "1/cos(x)", "csc": "1/sin(x)", "cot": "cos(x)/sin(x)",
     "sinh": "0.5*(exp(x)-exp(-x))", "cosh": "0.5*(exp(x)+exp(-x))", "tanh": "1-2/(exp(min(2*x,80))+1)", "square": "x*x",
@@ -41,6 +44,7 @@ WRITTEN: dict[str, str] = {  # functions of others
 SLOPES: dict[str, str] = {  # of functions of code, by the value f and the argument x
     "sqrt": "0.5 / {f}", "exp": "{f}", "log": "1.0 / {x}", "sin": "math.cos({x})", "cos": "-math.sin({x})",
 }  # fmt: skip
+NEVER_RAISES = SimpleNamespace(sqrt=np.sqrt, exp=np.exp, log=np.log, sin=np.sin, cos=np.cos, pow=np.power)
 OPERATORS: dict[type, Numeric] = {
     ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
     ast.Div: lambda a, b: a / b, ast.Pow: lambda a, b: math.pow(a, b),
@@ -93,6 +97,15 @@ def _parsed(text: str) -> ast.expr:
         raise InputError(f"formula: {shown(text)} is no expression such as k*(r-r0)^2") from None
     _check(tree, 0)
     return tree
+
+
+def renamed(text: str, new: Mapping[str, str]) -> str:
+    """The text of a formula with other words for some of its names, those of functions left out."""
+
+    def word(found: re.Match[str]) -> str:
+        return found[0] if text[found.end() :].lstrip().startswith("(") else new.get(found[1], found[0])
+
+    return _WORD.sub(word, text)
 
 
 def _check(node: ast.AST, depth: int) -> None:
@@ -174,7 +187,9 @@ def value_of(node: ast.expr, names: dict[str, float], given: Mapping[str, ast.ex
         return OPERATORS[type(node.op)](value_of(node.left, names, given), value_of(node.right, names, given))
     assert isinstance(node, ast.Call)
     assert isinstance(node.func, ast.Name)
-    return FUNCTIONS[node.func.id[2:]][1](*(value_of(each, names, given) for each in node.args))
+    name = node.func.id[2:]
+    function = INNER[name] if name in INNER else FUNCTIONS[name][1]
+    return function(*(value_of(each, names, given) for each in node.args))
 
 
 class Term(NamedTuple):
@@ -277,12 +292,28 @@ class Writer:
                 slope = base.slope and (base.slope if n == 1 else f"{n}.0 * {base.value} ** {n - 1} * {base.slope}")
                 made = self._step(f"{base.value} ** {n}" if n > 1 else base.value, slope)
                 return made if power > 0 else self._over(made)
+        if not self._depends(node.right):
+            return self._power_of_number(base, node.right)
         exponent = self._term(node.right)
         log = self._step(f"math.log({base.value})", base.slope and f"{base.slope} / {base.value}")
         parts = [s for s in (log.slope and f"{exponent.value} * {log.slope}",
                              exponent.slope and f"{exponent.slope} * {log.value}") if s]  # fmt: skip
         made = self._step(f"math.exp({exponent.value} * {log.value})", None)
         return self._sloped(made, f"{made.value} * ({' + '.join(parts)})" if parts else None)
+
+    def _power_of_number(self, base: Term, exponent: ast.expr) -> Term:
+        """A power by a parameter. A negative base has a value where the parameter is whole, as in OpenMM."""
+        n, less = self._number(exponent).value, ast.BinOp(exponent, ast.Sub(), ast.Constant(1.0))
+        below = self._number(less).value
+        if not self.lanes:
+            made = self._step(f"math.pow({base.value}, {n})", None)
+            return self._sloped(made, f"{n} * math.pow({base.value}, {below}) * {base.slope}")
+        sign = self._number(ast.Call(ast.Name(f"v_{PARITY}"), [exponent], [])).value
+        negative = f"{base.value} < 0.0"
+        log = self._step(f"math.log({self._choice(negative, f'-{base.value}', base.value)})", None).value
+        made = self._step(f"math.exp({n} * {log}) * {self._choice(negative, sign, '1.0')}", None)
+        slope = f"{n} * math.exp({below} * {log}) * {self._choice(negative, f'-{sign}', '1.0')} * {base.slope}"
+        return self._sloped(made, slope)
 
     @staticmethod
     def _plain(node: ast.expr) -> float | None:
@@ -376,11 +407,12 @@ def law_of(text: str, variable: str) -> Law:
         *(["    return energy, -slope * p.per_length / r"] if pairs
           else [f"    return energy, slope{'' if angle else ' * p.per_length'}"]),
     ]  # fmt: skip
-    scope: dict[str, Any] = {"math": math, "np": np, "__name__": __name__}
-    exec("\n".join(lines), scope)
+    scope, safe = (dict[str, Any]({"math": each, "np": np, "__name__": __name__}) for each in (math, NEVER_RAISES))
+    for names in (scope, safe):
+        exec("\n".join(lines), names)
     fields = [("per_length", float), ("energy", float), *((f"c{k}", float) for k in range(len(writer.numbers)))]
     made_class: Any = NamedTuple("FormulaLaw", fields)  # type: ignore[misc]
     cls: Any = made_class
-    cls.law = scope["law"]
+    cls.law, cls.plain = scope["law"], np.errstate(all="ignore")(lambda p, at: safe["law"](p, np.float64(at)))
     cls.said = f"formula {shown(' '.join(text.split()))}"
     return Law(cls, formula, tuple(writer.numbers))

@@ -61,15 +61,17 @@ class FormulaPair(Formulas, PairForce):
 
     def pair_law(self, a: str, b: str) -> Any:
         """The law's numbers between species a and b."""
-        if (given := self._given(a, b)) is not None:
-            return self.law_with(f" of pair {a}-{b}", given)
-        if not self.species:
-            return self.law_with(f" of pair {a}-{b}", {})
+        return self.law_of_values(f" of pair {a}-{b}", self.pair_values(a, b))
+
+    def pair_values(self, a: str, b: str) -> dict[str, float]:
+        """Parameters of the formula between species a and b."""
+        if (given := self._given(a, b)) is not None or not self.species:
+            return self.values_with(given or {})
         for name in (a, b):
             if name not in self.species:
                 raise InputError(f"{self.name}: species {name!r} has no parameters (and no pair {a}-{b} is given)")
         first, second = ((self.parameters or {}) | (self.species[name].get("parameters") or {}) for name in (a, b))
-        return self.law_of_values(f" of pair {a}-{b}", both(first, second))
+        return both(first, second)
 
     def check(self, system: Subject) -> None:
         """Refuse a system that this force does not support, and a formula that depends on the order of a pair."""

@@ -307,7 +307,8 @@ def read_structure(
         velocities = None if velocities is None else velocities @ rotation.T
     if "kind" in atoms.arrays and units.name == nominal_units(path):
         symbols = [str(kind) for kind in atoms.arrays["kind"]]
-    charges = atoms.arrays.get("initial_charges")
+    results = {} if atoms.calc is None else atoms.calc.results  # where ASE keeps a column "charge"
+    charges = atoms.arrays.get("initial_charges", results.get("charges"))
     charges = charges if charges is not None and charges.any() else None
     periodic_along = along if len(set(along)) > 1 else along[0]
     fixed, others = fixed_atoms(atoms)

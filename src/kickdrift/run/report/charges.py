@@ -9,11 +9,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from kickdrift.forces.charges.cores import coreless_pair
-from kickdrift.forces.charges.coulomb import Coulomb
+from kickdrift.forces.charges.coulomb import Coulomb, coulomb_of
 from kickdrift.forces.charges.radial import ALL_IMAGES, DAMPED_SHIFTED, DIRECT, EWALD, PME
 from kickdrift.forces.charges.sampled import Errors, errors_of
 from kickdrift.forces.charges.waves import waves_of
-from kickdrift.forces.external.lammps import LammpsForce
 from kickdrift.looks.report_lines import charge_lines
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
@@ -54,7 +53,7 @@ class ChargeReport:
 
 def charge_report(system: Any, sim: Any) -> ChargeReport | None:
     """The ChargeReport of a System that a Simulation runs; None without a force between charges."""
-    if (force := _force_of(system)) is None:
+    if (force := coulomb_of(system)) is None:
         return None
     state = sim.state
     if system not in _FOUND or _FOUND[system][0] != state.time:
@@ -65,12 +64,8 @@ def charge_report(system: Any, sim: Any) -> ChargeReport | None:
 
 def charges_of(system: Any) -> ChargeReport | None:
     """The ChargeReport of a System as it is; None without a force between charges."""
-    force = _force_of(system)
+    force = coulomb_of(system)
     return None if force is None else _made(force, system)
-
-
-def _force_of(system: Any) -> Coulomb | None:
-    return next((force for force in getattr(system, "forces", ()) if isinstance(force, Coulomb)), None)
 
 
 def _made(force: Coulomb, system: System) -> ChargeReport:
@@ -108,10 +103,10 @@ def charge_warnings(system: Any) -> list[str]:
     core."""
     if not isinstance(system, System) or system.charges is None or not system.charges.any():
         return []
-    force = _force_of(system)
-    if any(isinstance(each, LammpsForce) and each.atom_style != "atomic" for each in system.forces):
-        return []  # LAMMPS has the charges
+    force = coulomb_of(system)
     if force is None:
+        if any(getattr(each, "takes_charges", False) for each in system.forces):
+            return []
         return ["charges have no effect, since no force acts between them; add the force coulomb"]
     found = []
     if pair := coreless_pair(force, system):
@@ -135,7 +130,7 @@ def charge_warnings(system: Any) -> list[str]:
 
 def slab_warning(system: System, x: Floats) -> str:
     """Warning of charged particles at positions x (3, n) that spread beyond the edge z of a slab; "" without such."""
-    force = _force_of(system)
+    force = coulomb_of(system)
     if force is None or force.space(system) == system.box:
         return ""
     spread, edge = float(np.ptp(x[2])), float(system.box.matrix[2, 2])

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from kickdrift.forces.charges.coulomb import Coulomb
+from kickdrift.forces.charges.coulomb import Coulomb, coulomb_of
 from kickdrift.forces.pairs.law import PairForce
 from kickdrift.forces.seam.group import ListedForce
 from kickdrift.looks.doubts import digits_doubt
@@ -203,8 +203,7 @@ def unused_warnings(system: Any) -> list[str]:
         return ["no force acts; give force_field (--force-field) for a .pdb or .cif, or forces in a system file"]
     pairs = [force for force in system.forces if isinstance(force, PairForce)]
     found = [told for force in pairs if (told := _pairs_left_out(force, system))]
-    topology = system.topology
-    charged = any(isinstance(force, Coulomb) for force in system.forces)
+    topology, charged = system.topology, coulomb_of(system) is not None
     if topology is not None and not pairs and not charged and system.forces and len(topology.scaled.pairs):
         acting = " and ".join(dict.fromkeys(force.name for force in system.forces))
         found.append(f"topology: factors and exclusions have no effect: they are about pair forces, and not {acting}")
