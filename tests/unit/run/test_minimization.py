@@ -273,7 +273,7 @@ def test_what_cannot_be_minimized():
     with pytest.raises(InputError, match="a Problem has no forces"):
         kd.Simulation(kd.load("ode-harmonic"), dt=0.1).minimize()
     with pytest.raises(InputError, match=r"minimize: soft = true needs a pair force with epsilon and sigma"):
-        kd.Simulation(kd.load("harmonic-trap"), dt=0.1).minimize(soft=True)
+        kd.Simulation(kd.load("spring-net"), dt=0.1).minimize(soft=True)
     with pytest.raises(InputError, match="has no forces"):
         kd.Simulation(kd.System([[0.0] * 3]), dt=0.1).minimize()
     with pytest.raises(InputError, match="already running"):
