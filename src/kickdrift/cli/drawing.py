@@ -255,7 +255,9 @@ def movie(
     file: Annotated[Path, argument("FILE.h5md", "A run's file.")],
     output: Annotated[
         Path | None,
-        argument("[OUT]", "The suffix sets the format: mp4, webm or gif. Default: FILE.mp4, or FILE.gif without ffmpeg."),
+        argument(
+            "[OUT]", "The suffix sets the format: mp4, webm or gif. Default: FILE.mp4, or FILE.gif without ffmpeg."
+        ),
     ] = None,
     azimuth: Annotated[float, option("DEG", "Angle of the camera about the z axis.")] = 30.0,
     elevation: Annotated[float, option("DEG", "Angle of the camera above the x-y plane; 90 is from above.")] = 25.0,

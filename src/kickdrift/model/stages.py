@@ -22,8 +22,8 @@ class Stage:
     ----------
     name : letters, digits, ``-`` and ``_``; the name of its file ends with it
     keep : whether the stage has a file
-    minimize : True, or ``method``, ``force``, ``steps``, ``max_displacement`` and ``soft`` of `Simulation.minimize`, for
-        a stage that moves the particles to a minimum of their energy in place of a run
+    minimize : True, or ``method``, ``force``, ``steps``, ``max_displacement`` and ``soft`` of
+        `Simulation.minimize`, for a stage that moves the particles to a minimum of their energy in place of a run
     inherit : whether the stage takes from ``[run]`` what it does not say itself
     run : keys of ``[run]``: integrator, dt, steps or time, every, and options such as
         ``temperature={"from": 300, "to": 2500}``. They stand above those of ``[run]``

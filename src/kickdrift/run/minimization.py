@@ -372,8 +372,8 @@ def minimum(
         with compiling_for(purpose_of(method, softened)):
             around = EnergySurface(softened, threads, surface.cap)
             there = around.near(here.x)
-        for there in METHODS[method](around, there, min(SOFT_STEPS, steps - done), most):
-            done += 1
+        for point in METHODS[method](around, there, min(SOFT_STEPS, steps - done), most):
+            there, done = point, done + 1
             if progress:
                 progress(done, steps)
         here, surface.evaluations = surface.near(there.x), surface.evaluations + around.evaluations
