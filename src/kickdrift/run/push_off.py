@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
 
@@ -37,13 +38,14 @@ def soft_systems(system: System) -> Iterator[tuple[System, float]]:
     others = [each for each in system.forces if getattr(each, "kind", "") in ("angles", "dihedrals", "impropers")]
     if system.topology is not None and len(system.topology.bonds):
         others.append(_springs(system, SPRING * epsilon / sigma**2))
+    pairs: Any = SoftPair  # a force, once `pair_law` has made it
     for strength in STRENGTHS:
         tables = {pair: {"A": strength * law.epsilon, "sigma": WELL * law.sigma} for pair, law in laws.items()}
-        soft = SoftPair(pairs=tables, cutoff=WELL * sigma)
+        soft = pairs(pairs=tables, cutoff=WELL * sigma)
         yield system.with_forces(soft, *others), FORCE * epsilon / sigma
 
 
-def _springs(system: System, stiffness: float) -> HarmonicBond:
+def _springs(system: System, stiffness: float) -> Any:
     """Springs of the mean present length of each type of bond."""
     assert system.topology is not None
     first, second = system.topology.bonds.T
@@ -51,4 +53,5 @@ def _springs(system: System, stiffness: float) -> HarmonicBond:
     lengths = np.linalg.norm(system.box.minimum_image((x[:, first] - x[:, second]).T), axis=1)
     kinds = np.array(system.topology.types("bonds"))
     means = {str(kind): {"length": float(lengths[kinds == kind].mean())} for kind in np.unique(kinds)}
-    return HarmonicBond(stiffness=stiffness, length=float(lengths.mean()), types=means)
+    springs: Any = HarmonicBond
+    return springs(stiffness=stiffness, length=float(lengths.mean()), types=means)
