@@ -16,8 +16,8 @@ from kickdrift.cli.options import length as span
 from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
-from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.forces import FORCES
+from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.model.checks.limits import whole_text
 from kickdrift.systemfile.files import PARAMETERS, is_shipped
 from kickdrift.text import shown
