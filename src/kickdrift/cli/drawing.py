@@ -253,7 +253,12 @@ def _pixels(text: Any) -> Any:
 
 def movie(
     file: Annotated[Path, argument("FILE.h5md", "A run's file.")],
-    output: Annotated[Path, argument("OUT", "The suffix sets the format: mp4, webm or gif.")],
+    output: Annotated[
+        Path | None,
+        argument(
+            "[OUT]", "The suffix sets the format: mp4, webm or gif. Default: FILE.mp4, or FILE.gif without ffmpeg."
+        ),
+    ] = None,
     azimuth: Annotated[float, option("DEG", "Angle of the camera about the z axis.")] = 30.0,
     elevation: Annotated[float, option("DEG", "Angle of the camera above the x-y plane; 90 is from above.")] = 25.0,
     turn: Annotated[float, option("DEG", "Angle by which the camera turns during the film.")] = 0.0,
@@ -276,9 +281,12 @@ def movie(
 ) -> None:
     """Make a film of a run: spheres in their box, or planets with trails and names. MP4 and WebM need ffmpeg, which
     pip install 'kickdrift[movie]' brings; GIF needs nothing."""
+    from kickdrift.plots.movie import ffmpeg
+
+    target = output or file.with_suffix(".mp4" if ffmpeg() else ".gif")
     with progress_bar(quiet) as bar:
         found = kd.movie(
-            file, output, azimuth=azimuth, elevation=elevation, turn=turn, zoom=zoom, colour=colour, fps=fps,
+            file, target, azimuth=azimuth, elevation=elevation, turn=turn, zoom=zoom, colour=colour, fps=fps,
             duration=duration, every=every, size=size, dark=dark, overwrite=overwrite, progress=bar("drawing"),
         )  # fmt: skip
     for note in found.notes:

@@ -17,6 +17,7 @@ from kickdrift.disk.outputs import refuse_outputs, write_json
 from kickdrift.display.showing import lines_of
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
+from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.model.checks.limits import whole_text
 from kickdrift.systemfile.files import PARAMETERS, is_shipped
 from kickdrift.text import shown
@@ -278,7 +279,7 @@ def _certify_forces(
     refuse_outputs({"json": json_file, "plot": plot}, overwrite, systems)
     from kickdrift.analysis.certify.force_testing import STEPS, force_checks
 
-    with progress_bar(quiet) as bar:
+    with progress_bar(quiet) as bar, compiling_for(f"the forces of {systems[0]}"):
         subject = _tested(systems[0], calculator, files)
         found = force_checks(
             subject,

@@ -335,6 +335,9 @@ def relax(
             parser=amount("a length such as 0.1, or '0.3 angstrom'"),
         ),
     ] = None,
+    soft: Annotated[
+        bool, typer.Option("--soft", help="First part chains that cross, by soft potentials of growing strength.")
+    ] = False,
     strain: Annotated[
         float | None, option("E", "Also measure the elastic constants of a crystal, by strains up to E, such as 0.001.")
     ] = None,
@@ -368,7 +371,7 @@ def relax(
     asked = {"force": force, "steps": steps, "method": method, "max_displacement": max_displacement}
     given = {key: value for key, value in asked.items() if value is not None}
     with progress_bar(quiet) as bar:
-        found = minimum(start, check_threads(threads), **given, progress=bar("minimizing"))
+        found = minimum(start, check_threads(threads), **given, soft=soft, progress=bar("minimizing"))
     elastic = None
     if not found.converged:
         say(f"warning: not converged: {found.trouble}", quiet)

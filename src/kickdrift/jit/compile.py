@@ -11,6 +11,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from kickdrift.jit.cache.cache import DriverCache
+from kickdrift.jit.cache.notices import machine_code
 from kickdrift.jit.inner import OPTIONS, inner
 from kickdrift.jit.numba_private import CPUContext, CPUDispatcher, cpu_target
 
@@ -85,7 +86,7 @@ class _Driver(CPUDispatcher):
     """Compiled function that Python calls."""
 
     def compile(self, sig: Any) -> Any:
-        with no_collection():
+        with no_collection(), machine_code.made():
             return super().compile(sig)
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
+from time import perf_counter
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.jit.cache.notices import machine_code
 from kickdrift.looks import columns as column
 from kickdrift.looks.observers import NOTHING, Looks, Sample, Taken
 from kickdrift.model.checks.values import unwarned
@@ -132,6 +136,15 @@ class Record:
     def spend(self, part: str, seconds: float) -> None:
         """Add wall time to a part of the work: a constant of this module."""
         self.spent[part] = self.spent.get(part, 0.0) + seconds
+
+    @contextmanager
+    def spending(self, part: str) -> Iterator[None]:
+        """Add the wall time of this context to a part of the work, without that of compiling, which counts apart."""
+        began, before = perf_counter(), machine_code.seconds
+        yield
+        made = machine_code.seconds - before
+        self.compile_seconds += made
+        self.spend(part, perf_counter() - began - made)
 
     def take(self, lost: Taken) -> None:
         """Add what an event took."""

@@ -11,7 +11,7 @@ from kickdrift.errors import InputError
 from kickdrift.text import shown
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")  # a part of a file's name
-MINIMIZE = ("method", "force", "steps", "max_displacement")
+MINIMIZE = ("method", "force", "steps", "max_displacement", "soft")
 
 
 @dataclass(frozen=True, init=False)
@@ -22,8 +22,8 @@ class Stage:
     ----------
     name : letters, digits, ``-`` and ``_``; the name of its file ends with it
     keep : whether the stage has a file
-    minimize : True, or ``method``, ``force``, ``steps`` and ``max_displacement`` of `Simulation.minimize`, for a stage
-        that moves the particles to a minimum of their energy in place of a run
+    minimize : True, or ``method``, ``force``, ``steps``, ``max_displacement`` and ``soft`` of
+        `Simulation.minimize`, for a stage that moves the particles to a minimum of their energy in place of a run
     inherit : whether the stage takes from ``[run]`` what it does not say itself
     run : keys of ``[run]``: integrator, dt, steps or time, every, and options such as
         ``temperature={"from": 300, "to": 2500}``. They stand above those of ``[run]``

@@ -162,15 +162,19 @@ GIF = ".gif"
 MISSING = "films in .mp4 and .webm need ffmpeg: pip install 'kickdrift[movie]' brings ffmpeg, and .gif needs nothing"
 
 
-def program() -> str:
-    """Path of ffmpeg: that of the package imageio-ffmpeg, else one on the path. Raises InputError without any."""
+def ffmpeg() -> str | None:
+    """Path of ffmpeg: that of the package imageio-ffmpeg, else one on the path, else None."""
     try:
         import imageio_ffmpeg
 
         return str(imageio_ffmpeg.get_ffmpeg_exe())
     except (ImportError, RuntimeError):
-        found = shutil.which("ffmpeg")
-    if found is None:
+        return shutil.which("ffmpeg")
+
+
+def program() -> str:
+    """Path of ffmpeg; see `ffmpeg`. Raises InputError without any."""
+    if (found := ffmpeg()) is None:
         raise InputError(MISSING)
     return found
 

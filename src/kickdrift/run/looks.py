@@ -170,8 +170,8 @@ class Sampler:
         run.record.count(stepper.counts - counts)
         ended = perf_counter()
         run.record.spend(STEPPING, ended - began - (run.record.spent.get(LOOKS, 0.0) - looks_before))
-        file.series(row, phases[: looks.count - row], whole=status == OK)
-        run.record.spend(file.part, perf_counter() - ended)
+        with run.record.spending(file.part):
+            file.series(row, phases[: looks.count - row], whole=status == OK)
         if status != OK:
             run.fail(inside_step=not refused, stopped=status == STOPPED and not refused)
 

@@ -60,9 +60,8 @@ def run_through(
 
 def _timed(run: Integration, watcher: Watcher, act: Callable[[], None]) -> None:
     """Let a watcher act, and count the time as its part of the work."""
-    began = perf_counter()
-    act()
-    run.record.spend(watcher.part, perf_counter() - began)
+    with run.record.spending(watcher.part):
+        act()
 
 
 def _go(
@@ -75,9 +74,8 @@ def _go(
     progress: Progress | None,
 ) -> None:
     def look(again: bool = True) -> None:
-        began = perf_counter()
-        sampler.look(again)
-        run.record.spend(LOOKS, perf_counter() - began)
+        with run.record.spending(LOOKS):
+            sampler.look(again)
         for watcher in watchers:
             _timed(run, watcher, watcher.look)
 

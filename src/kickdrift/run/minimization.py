@@ -22,6 +22,7 @@ from kickdrift.model.nearness import nearest_pair
 from kickdrift.model.state import Floats, State
 from kickdrift.model.system import System
 from kickdrift.model.units.quantities import quantity
+from kickdrift.run.push_off import SOFT_STEPS, soft_systems
 from kickdrift.run.stepping import purpose_of
 from kickdrift.text import counted, measured, shown, suggestion
 
@@ -346,6 +347,7 @@ def minimum(
     steps: int = STEPS,
     method: str = METHOD,
     max_displacement: float | str | None = None,
+    soft: bool = False,
     progress: Progress | None = None,
 ) -> Minimum:
     """Minimum of the potential energy near the positions of a System; see ``Simulation.minimize``."""
@@ -358,11 +360,23 @@ def minimum(
     if not isinstance(method, str) or method not in METHODS:
         known = ", ".join(METHODS)
         raise InputError(f"minimize: method: expected one of {known}, got {shown(method)}{suggestion(method, METHODS)}")
+    if not isinstance(soft, bool):
+        raise InputError(f"minimize: soft must be True or False, got {shown(soft)}")
+    gentle = list(soft_systems(system)) if soft else []
     cap = None if max_displacement is None else _amount("length", max_displacement, system, "max_displacement")
     with compiling_for(purpose_of(method, system)):
         surface = EnergySurface(system, threads, cap)
         here = surface.near(system.state.phase[0].copy())
     first, done = here, 0
+    for softened, most in gentle:
+        with compiling_for(purpose_of(method, softened)):
+            around = EnergySurface(softened, threads, surface.cap)
+            there = around.near(here.x)
+        for point in METHODS[method](around, there, min(SOFT_STEPS, steps - done), most):
+            there, done = point, done + 1
+            if progress:
+                progress(done, steps)
+        here, surface.evaluations = surface.near(there.x), surface.evaluations + around.evaluations
     for walk in (untangled, METHODS[method]):
         if here.largest <= least:
             break

@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from kickdrift.errors import InputError, RunError
-from kickdrift.integrators.options import RAMP_STEPS
+from kickdrift.integrators.options import C_RESCALE, PRESSURE_EVERY, RAMP_STEPS
+from kickdrift.integrators.splitting.barostats.barostat import every_of, every_of_old
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import unwarned
 from kickdrift.model.memory import Memory
@@ -94,6 +95,11 @@ def _check(run: Any, checkpoint: Memory) -> None:
     for key, value in {"integrator": checkpoint["integrator"], **checkpoint["options"]}.items():
         if own.get(key) != (tuple(value) if isinstance(value, list) else value):
             raise InputError(f"checkpoint: {key} is {value!r} in the checkpoint and {own.get(key)!r} in this run")
+    barostat = checkpoint["stepper"].get("barostat")
+    if barostat and PRESSURE_EVERY.name not in checkpoint["options"] and (every := every_of_old(run.options, barostat)):
+        name, own_every = PRESSURE_EVERY.name, every_of(C_RESCALE, run.options)
+        here = f"{own_every} in this run; give {name}={every}"
+        raise InputError(f"checkpoint: {name} is {every} in the checkpoint and {here}")
     there, here = checkpoint["stepper"]["y"].shape, run.stepper.y.shape
     if there != here and not run.events:
         raise InputError(f"checkpoint: holds {there[-1]} particles or unknowns; the system has {here[-1]}")

@@ -394,12 +394,15 @@ class Simulation(Present):
         method: str = METHOD,
         max_displacement: float | str | None = None,
         progress: bool | Callable[[int, int], Any] | None = None,
+        *,
+        soft: bool = False,
     ) -> Minimum:
         """Move the particles to a minimum of their potential energy; the start may be random.
 
         The minimization ends when the largest force on a particle is at most ``force``, or after ``steps`` steps of
         ``method``, "fire" or "l-bfgs" (see docs/relax.md). No particle moves further than ``max_displacement`` in one
-        step; default a tenth of the shortest sigma. Both may be texts with units. The forces are kickdrift's own, in
+        step; default a tenth of the shortest sigma. Both may be texts with units. With ``soft``, soft potentials of
+        growing strength first draw apart chains that cross (see docs/relax.md). The forces are kickdrift's own, in
         float64, whatever the engine and the precision. ``progress`` is as in ``run``.
 
         The velocities become zero, time and number of steps stay, and a new record starts. Returns the `Minimum`, which
@@ -408,7 +411,7 @@ class Simulation(Present):
         """
         check_asked(None, progress, False, "minimize")
         with following(progress, "minimizing") as told:
-            return minimize(self, force, steps, method, max_displacement, told)
+            return minimize(self, force, steps, method, max_displacement, soft, told)
 
 
 def _warn_of_lattice() -> None:

@@ -22,6 +22,7 @@ from kickdrift.model.system import System, later_seed
 from kickdrift.model.units.unit_systems import symbol_of
 from kickdrift.run.files import check_suffix
 from kickdrift.run.minimization import Minimum, minimum
+from kickdrift.run.push_off import soft_systems
 from kickdrift.run.report.report import Report
 from kickdrift.run.resuming import resume, staged
 from kickdrift.run.simulation import Simulation
@@ -330,3 +331,5 @@ def _check(system: System, made: _Making) -> None:
                 check_length(sim)
             elif system.tied_by:
                 raise InputError(f"minimize moves particles freely, so it breaks {system.tied_by}")
+            elif stage.minimize.get("soft") is True:
+                next(soft_systems(system))  # refuses a system without cores

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kickdrift.errors import InputError
+from kickdrift.jit.cache.notices import compiling_for
 from kickdrift.model.state import Floats
 from kickdrift.statistics import regression
 from kickdrift.statistics.spectral_lines import Fits, folded, spectral_lines
@@ -159,7 +160,8 @@ def drift(times: ArrayLike, values: ArrayLike, rounding: float | None = None) ->
     y = (series - mean) / scale
     if width > 1:
         y = y[n - width * count :].reshape(count, width).mean(axis=1)
-    found = _judged(y, own / scale, (own if rounding is None else rounding) / scale)
+    with compiling_for("the report"):
+        found = _judged(y, own / scale, (own if rounding is None else rounding) / scale)
     step *= width
     widest = (highest - lowest) / abs(float(clock[-1] - clock[0]))
     return replace(

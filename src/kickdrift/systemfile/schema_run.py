@@ -69,6 +69,7 @@ class MinimizeTable(Table):
     force: Annotated[float, BeforeValidator(In("force", "positive"))] | None = None
     steps: Annotated[int, Field(ge=0, le=MOST_STEPS)] | None = None
     max_displacement: Annotated[float, BeforeValidator(In("length", "positive"))] | None = None
+    soft: bool | None = None
 
 
 class StageTable(RunTable):

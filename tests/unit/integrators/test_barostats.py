@@ -351,6 +351,15 @@ def test_a_resumed_run_keeps_the_steps_between_actions_of_its_file(tmp_path, mon
         whole, cut = (kd.Simulation(liquid(), "baoab", 0.004, **given) for _ in range(2))
         whole.run(60, every=20)
         cut.run(35, every=20, output=tmp_path / "old.h5md")
+        checkpoint = cut.checkpoint()
+    with pytest.raises(
+        InputError, match="pressure_every is 10 in the checkpoint and 30 in this run; give pressure_every"
+    ):
+        kd.Simulation(liquid(), "baoab", 0.004, **given).restore(checkpoint)
+    told = kd.Simulation(liquid(), "baoab", 0.004, **given, pressure_every=10)
+    told.restore(checkpoint)
+    told.advance(25)
+    assert np.array_equal(told.state.positions, whole.state.positions)
     resumed = kd.resume(tmp_path / "old.h5md")
     assert resumed.options.pressure_every == 10
     resumed.advance(25)

@@ -6,16 +6,18 @@ import shutil
 import subprocess
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import kickdrift as kd
+from docs.studies.textbooks import orbits, unit_oscillator
 from kickdrift.errors import InputError
 from kickdrift.integrators import INTEGRATORS
 from kickdrift.odes import ODES
 from kickdrift.pages import linking
-from kickdrift.pages.equations import STEP
+from kickdrift.pages.equations import COMPARED, STEP
 from kickdrift.pages.image import Image
 from kickdrift.pages.linking import BASE, MISSING
 from kickdrift.pages.lowering import PLAIN_PROCESSOR
@@ -374,6 +376,38 @@ def test_a_page_finds_a_drift_where_the_report_finds_one(tmp_path):
             expected = "bounded"
         assert each["verdict"] == expected, each["name"]
     assert doubts < 12
+
+
+@pytest.mark.long
+def test_the_articles_claims_hold_from_the_pages_own_loops(tmp_path, monkeypatch):
+    """The studies of docs/textbooks.md on the oscillator and on orbits, each run by the page's loop in node."""
+    in_node("which-integrator", tmp_path)
+    ran, native = set(), kd.Simulation
+
+    class OnThePage:
+        """What these studies ask of a Simulation."""
+
+        def __init__(self, problem, method, dt):
+            self.problem, self.dt, self.name = problem, dt, f"{problem.name} {kd.integrator(method).method.name}"
+
+        def run(self, steps, every):
+            given = (self.name, self.dt, steps, every, json.dumps(list(self.problem.y0)))
+            found = node_prints("runs.mjs", runtime, str(tmp_path / "module.json"), *map(str, given))
+            self.state = SimpleNamespace(y=np.array(found["y"]))
+            looks = [SimpleNamespace(energies=SimpleNamespace(total=energy)) for energy in found["energies"]]
+            self.record = SimpleNamespace(samples=looks)
+            ran.add(self.name)
+
+    def simulation(problem, method, dt):
+        return OnThePage(problem, method, dt) if problem.name in COMPARED else native(problem, method, dt=dt)
+
+    runtime = asset(tmp_path, "runtime.js")
+    monkeypatch.setattr(kd, "Simulation", simulation)
+    monkeypatch.setattr(orbits, "energy_errors", orbits.energy_errors.__wrapped__)  # which keeps no native run
+    claims = [*unit_oscillator.claims(), *orbits.claims()]
+    assert [row["claim"] for row in claims if row["verdict"] == "fail"] == []
+    assert {"harmonic-oscillator euler", "harmonic-oscillator rk4", "kepler euler", "kepler symplectic-euler"} <= ran
+    assert len({row["said"] for row in claims}) == 8
 
 
 @pytest.mark.long

@@ -184,7 +184,7 @@ POLYMER = template("polymer")
         ("mass = 1.0", 'species = ["A", "B"]', "particles.species: expected one name, or a list of 20"),
         ("seed = 1  # draws", "# draws", "particles.seed: required key is missing"),
         ('units = "lj"', 'units = "lj"\ndimensions = 2', "particles.walks: expected 3 dimensions, got 2"),
-        ("minimize = { force = 1.0 }", "steps = 5", "overlap: distance 0.05"),
+        ("minimize = { soft = true, force = 1.0 }", "steps = 5", "overlap: distance 0.05"),
     ],
 )
 def test_a_melt_of_random_chains_that_is_wrong_is_one_line(old, new, message):

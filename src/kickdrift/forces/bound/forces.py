@@ -19,6 +19,7 @@ from kickdrift.forces.pairs.kernel import PairKernel
 from kickdrift.forces.pairs.lists import grown, memory, recalled, thinned, tuned, with_moving_parts
 from kickdrift.forces.seam.group import reach_of
 from kickdrift.forces.seam.kernel import GROW, OK, BoundForce
+from kickdrift.jit.cache.notices import compiling_part
 from kickdrift.jit.numba_private import NumbaError, UnsupportedBytecodeError
 from kickdrift.jit.threads.chunks import team_of
 from kickdrift.model.box.cell import live_cell
@@ -172,7 +173,11 @@ class BoundForces:
         changes its skins."""
         if self._table is None or self._table[0] is not self.forces:
             few = few_of(self.forces)
-            self.forces = tuple(force if force is few else _compiled(force) for force in self.forces)
+            own, count = [], len(self.forces)
+            for k, force in enumerate(self.forces, 1):
+                with compiling_part(k, count, "force"):
+                    own.append(force if force is few else _compiled(force))
+            self.forces = tuple(own)
             self._table = self.forces, table_of(self.forces)
         return self._table[1]
 

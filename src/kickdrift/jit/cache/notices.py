@@ -3,9 +3,30 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from time import perf_counter
 
 Listener = Callable[[str, bool], None]
 
+
+class MachineCode:
+    """Seconds that this process has spent on compiling, or on loading compiled code from the disk."""
+
+    def __init__(self) -> None:
+        self.seconds, self._busy = 0.0, False
+
+    @contextmanager
+    def made(self) -> Iterator[None]:
+        """Count the time of this context, once where one function needs another."""
+        outer, self._busy, began = not self._busy, True, perf_counter()
+        try:
+            yield
+        finally:
+            if outer:
+                self._busy = False
+                self.seconds += perf_counter() - began
+
+
+machine_code = MachineCode()
 _listeners: list[Listener] = []
 _purpose: ContextVar[str] = ContextVar("purpose", default="")
 
@@ -18,6 +39,14 @@ def compiling_for(purpose: str) -> Iterator[None]:
         yield
     finally:
         _purpose.reset(token)
+
+
+@contextmanager
+def compiling_part(k: int, n: int, what: str) -> Iterator[None]:
+    """Say that code compiled inside this context is for part ``k`` of ``n`` of the purpose, if there are several."""
+    purpose = _purpose.get()
+    with compiling_for(f"{purpose}, {what} {k} of {n}" if purpose and n > 1 else purpose):
+        yield
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 const BUDGET = 6, MOST = 40; // milliseconds and steps of a picture
 const LOOK = 10, WINDOW = 400; // pictures between two looks at the energy, and looks in a figure
 const BINS = 120, ASKED = 60; // bins of g(r), and particles whose neighbours a picture counts
+const FEW = 30, TRAIL = 600; // most bodies that have trails in open space, and places of a trail
 
 async function page(root, runs, python, { scene, edges, boltzmann, dt }) {
   const names = Object.keys(runs), [methods, cutoffs] = [0, 1].map((k) => [...new Set(names.map((name) => name.split(" ")[k]))]);
@@ -17,11 +18,12 @@ async function page(root, runs, python, { scene, edges, boltzmann, dt }) {
   const text = make("p", { "aria-live": "polite" });
   const sight = make("div", { class: "sight" }), energy = new Figure("Change of the total energy");
   const warmth = new Figure("Temperature"), shells = new Figure("g(r), the density around a particle");
-  const figures = edges ? [warmth, energy, shells] : [energy];
+  const shown = runs[names[0]], n = shown.masses.length, paths = edges || n > FEW ? null : new Figure("Paths of the bodies, seen along z");
+  const figures = edges ? [warmth, energy, shells] : [paths, energy].filter(Boolean);
   root.replaceChildren(make("div", { class: "controls" }, ...controls.map((each) => each.element)),
     make("p", {}, pause, " ", anew, " ", back), text, sight, make("div", { class: "figures" }, ...figures.map((each) => each.element)));
   const view = await globalThis.kickdriftView.mount(sight, scene, { live: false });
-  const shown = runs[names[0]], n = shown.masses.length, places = new Float32Array(3 * n), speeds = new Float32Array(n);
+  const trails = Array.from({ length: paths ? n : 0 }, () => []), places = new Float32Array(3 * n), speeds = new Float32Array(n);
   const start = Float64Array.from(shown.start);
   const reach = edges ? Math.min(...edges) / 2 : 0, volume = edges ? edges[0] * edges[1] * edges[2] : 0;
   let run, good = start, first = NaN, looks = [], counts = new Float64Array(BINS), asked = 0, pictures = 0, rate = 0, runs_on = true, passed = 0;
@@ -48,7 +50,7 @@ async function page(root, runs, python, { scene, edges, boltzmann, dt }) {
     pause.textContent = runs_on ? "Pause" : "Go on";
     if (runs_on) requestAnimationFrame(picture);
   });
-  anew.addEventListener("click", () => { looks = []; passed = 0; begin(start); });
+  anew.addEventListener("click", () => { looks = []; passed = 0; trails.forEach((trail) => { trail.length = 0; }); begin(start); });
   back.addEventListener("click", () => { step.position = 0; passed += run.time; begin(good); });
 
   /** Temperature now: the total momentum is no heat. */
@@ -72,6 +74,7 @@ async function page(root, runs, python, { scene, edges, boltzmann, dt }) {
       speeds[i] = Math.hypot(run.y[3 * n + i], run.y[4 * n + i], run.y[5 * n + i]);
     }
     if (run.status) return;
+    trails.forEach((trail, i) => { if (trail.push([run.y[i], run.y[n + i]]) > TRAIL) trail.shift(); });
     view.show(places, speeds);
     view.say(`t = ${short(passed + run.time)}`);
     if (edges) count();
@@ -122,6 +125,11 @@ async function page(root, runs, python, { scene, edges, boltzmann, dt }) {
     else if (changes.length) {
       energy.begin(times, [Math.min(...changes) / 2, Math.max(...changes) * 2], { ...said, log: true, ylabel: "|E - E(0)|" });
       energy.line(looks.filter((each) => each[2] > 0).map((each) => [each[0], each[2]]), "--a");
+    }
+    if (paths) {
+      const spans = [0, 1].map((axis) => rim(trails.flatMap((trail) => trail.map((each) => each[axis]))));
+      paths.begin(...spans, { square: true, xlabel: "x", ylabel: "y", said: text.textContent });
+      trails.forEach((trail) => { paths.line(trail, "--a"); paths.dot(...trail.at(-1), "--b", 3); });
     }
     if (!edges || !asked) return;
     warmth.begin(times, rim(looks.map((each) => each[1])), { ...said, ylabel: "T" });
