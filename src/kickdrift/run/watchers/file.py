@@ -66,7 +66,13 @@ class File(Watcher):
     @property
     def takes_series(self) -> bool:
         """Whether `series` can write looks after the run has left them: these have no events, columns or forces."""
-        other = self._run.events or self._acting or self._columns or "forces" in self._writer.writes
+        other = (
+            self._run.events
+            or hasattr(self._run.stepper, "changes")
+            or self._acting
+            or self._columns
+            or "forces" in self._writer.writes
+        )
         return not (other or self._run.replaced)
 
     def patience(self, most: float) -> float:

@@ -12,8 +12,8 @@ from kickdrift.integrators.hermite.pairs.table import (
     BREAKS,
     BROKEN,
     COUNT,
+    DISTANCE,
     ECCENTRICITY,
-    ENERGY,
     FORM,
     FORMED,
     FORMS,
@@ -23,26 +23,29 @@ from kickdrift.integrators.hermite.pairs.table import (
     OTHER,
     SEARCHES,
     SINGLE,
+    STEP,
     TIME,
 )
-from kickdrift.integrators.hermite.stepper import JERK, A, V, X, attract, length, predict
-from kickdrift.jit.compile import jit
+from kickdrift.integrators.hermite.stepper import JERK, NOW, TAKEN, A, V, X, attract, length, predict
+from kickdrift.jit.compile import jit, never_inline
 from kickdrift.jit.lanes import law_operators as law_operators  # the product of two vectors
 from kickdrift.jit.lanes.vector3 import dot, numbers3, store3
 
 
 @jit
-def note(bodies, pairs, p, time, kind):
+def note(bodies, pairs, p, clock, kind):
     """Write a change to the log."""
+    never_inline()
     row = pairs.log[pairs.tally[LOGGED]]
     pairs.tally[LOGGED] += 1
     pairs.tally[FORMED if kind == FORM else BROKEN] += 1
     first, second = pairs.bodies[0, p], pairs.bodies[1, p]
     gm = pairs.gm[first] + pairs.gm[second]
     r, v = relative(pairs.orbit, p)
-    beta, axis, e = bound_orbit(gm, r, v)
-    row[TIME], row[KIND], row[ONE], row[OTHER], row[AXIS], row[ECCENTRICITY] = time, kind, first, second, axis, e
-    row[ENERGY] = -0.5 * beta * pairs.gm[first] * pairs.gm[second] / gm  # times G
+    _, axis, e = bound_orbit(gm, r, v)
+    row[TIME], row[STEP], row[KIND], row[ONE], row[OTHER] = clock[NOW], clock[TAKEN], kind, first, second
+    row[AXIS], row[ECCENTRICITY] = axis, e
+    row[DISTANCE] = math.sqrt(dot(r, r))
 
 
 @jit
@@ -55,6 +58,7 @@ def series_of(bodies, i):
 @jit
 def put(bodies, i, x, v):
     """Start the series of a slot anew, and put the slot there."""
+    never_inline()
     n, slots = bodies.times.size, bodies.sources.gm.size
     bodies.series[:, :, i] = 0.0
     store3(bodies.series, 3 * X * n + i, n, x)
@@ -67,6 +71,7 @@ def put(bodies, i, x, v):
 def partner_of(bodies, pairs, i, end):
     """Return the body with which body i can form a pair at the time ``end``, or SINGLE: its nearest neighbour, at the
     end of a step too, on a bound orbit that others hardly disturb."""
+    never_inline()
     sources = bodies.sources
     slots, least, best = sources.gm.size, np.inf, SINGLE
     at = numbers3(sources.x, i, slots)
@@ -95,8 +100,9 @@ def may_pair(bodies, pairs, i, time):
 
 
 @jit
-def form(bodies, pairs, i, j, end):
+def form(bodies, pairs, i, j, clock):
     """Let two bodies move as a pair."""
+    never_inline()
     first, second, p = min(i, j), max(i, j), pairs.tally[COUNT]
     pairs.tally[COUNT] += 1
     pairs.bodies[0, p], pairs.bodies[1, p] = first, second
@@ -110,22 +116,23 @@ def form(bodies, pairs, i, j, end):
     bodies.sources.gm[first], bodies.sources.gm[second] = pairs.gm[first] + pairs.gm[second], 0.0
     bodies.steps[first] = min(bodies.steps[first], bodies.steps[second])
     bodies.steps[second] = np.inf
-    note(bodies, pairs, p, end, FORM)
+    note(bodies, pairs, p, clock, FORM)
     pairs.moves[first], pairs.moves[second] = 1, 0
 
 
 @jit
-def break_up(bodies, pairs, p, end):
+def break_up(bodies, pairs, p, clock):
     """Let the bodies of a pair move as single bodies."""
+    never_inline()
     first, second, last = pairs.bodies[0, p], pairs.bodies[1, p], pairs.tally[COUNT] - 1
-    note(bodies, pairs, p, end, BREAK)
+    note(bodies, pairs, p, clock, BREAK)
     gm = bodies.sources.gm[first]
     (x, v), (r, w) = series_of(bodies, first), relative(pairs.orbit, p)
     share = pairs.gm[second] / gm
     put(bodies, first, x - share * r, v - share * w)
     put(bodies, second, x + (1.0 - share) * r, v + (1.0 - share) * w)
     for b in (first, second):
-        pairs.partner[b], bodies.sources.gm[b], bodies.times[b], pairs.moves[b] = SINGLE, pairs.gm[b], end, 1
+        pairs.partner[b], bodies.sources.gm[b], bodies.times[b], pairs.moves[b] = SINGLE, pairs.gm[b], clock[NOW], 1
     bodies.steps[second] = bodies.steps[first]
     pairs.tally[COUNT] = last
     for q in range(p, last):  # in the order of formation
@@ -137,6 +144,7 @@ def break_up(bodies, pairs, p, end):
 @jit
 def settle(bodies, pairs, end, eta, cursor):
     """Compute accelerations, jerks and steps of the bodies that have just changed, which ``moves`` marks."""
+    never_inline()
     sources, count = bodies.sources, 0
     for i in range(bodies.times.size):
         if pairs.moves[i]:
@@ -174,9 +182,10 @@ def nearest_time(bodies, pairs, i, a):
 
 
 @jit
-def change(bodies, pairs, time, eta, cursor):
+def change(bodies, pairs, clock, eta, cursor):
     """Break up and form pairs at a step point, where the steps of some bodies have ended."""
-    count, asked = pairs.tally[COUNT], False
+    never_inline()
+    count, asked, time = pairs.tally[COUNT], False, clock[NOW]
     for p in range(count):
         asked = asked or (bodies.times[pairs.bodies[0, p]] == time and not pairs.strength[p] < BREAKS)
     for i in range(bodies.times.size):
@@ -188,11 +197,11 @@ def change(bodies, pairs, time, eta, cursor):
     changes = pairs.tally[LOGGED]
     for p in range(count - 1, -1, -1):
         if bodies.times[pairs.bodies[0, p]] == time and not pairs.strength[p] < BREAKS:
-            break_up(bodies, pairs, p, time)
+            break_up(bodies, pairs, p, clock)
     for i in range(bodies.times.size):
         if not pairs.moves[i] and may_pair(bodies, pairs, i, time):
             j = partner_of(bodies, pairs, i, time)
             if j != SINGLE and not pairs.moves[j]:
-                form(bodies, pairs, i, j, time)
+                form(bodies, pairs, i, j, clock)
     if pairs.tally[LOGGED] > changes:
         settle(bodies, pairs, time, eta, cursor)

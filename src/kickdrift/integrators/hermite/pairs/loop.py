@@ -45,7 +45,7 @@ def pairs_loop(bodies, pairs, eta, clock, until, steps, cursor):
     bound, known = handle(bodies), handle(pairs)
     n, times, own = bound.times.size, bound.times, bound.steps
     while cursor[STEP] < steps and clock[START] + clock[NOW] < until and known.tally[LOGGED] + n < known.log.shape[0]:
-        change(bound, known, clock[NOW], eta, cursor)
+        change(bound, known, clock, eta, cursor)
         end = next_end(bound)
         if not choose_due(bound, end, True) > rounding(clock[START] + clock[NOW]):
             return STOPPED

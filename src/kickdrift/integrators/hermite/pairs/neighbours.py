@@ -4,7 +4,7 @@ import math
 
 from kickdrift.integrators.hermite.pairs.orbit import bound_orbit, relative
 from kickdrift.integrators.hermite.pairs.table import FELT, NEAR
-from kickdrift.jit.compile import inlined, jit
+from kickdrift.jit.compile import inlined, jit, never_inline
 from kickdrift.jit.lanes import law_operators as law_operators  # the product of two vectors
 from kickdrift.jit.lanes.vector3 import dot, numbers3, store3
 
@@ -18,6 +18,7 @@ def rests(pairs, i):
 @jit
 def strength_of(bodies, pairs, first, second, gm, centre, reach):
     """Sum of 2 m / M (reach / distance)^3 over all bodies but two, from where they are now."""
+    never_inline()
     sources, total = bodies.sources, 0.0
     slots = sources.gm.size
     for b in range(bodies.times.size):
@@ -31,6 +32,7 @@ def strength_of(bodies, pairs, first, second, gm, centre, reach):
 @jit
 def find_neighbours(bodies, pairs, p):
     """List the bodies that the pair feels, or that feel its bodies, and sum the pair's strength."""
+    never_inline()
     first, second, sources = pairs.bodies[0, p], pairs.bodies[1, p], bodies.sources
     gm, slots = sources.gm[first], sources.gm.size
     r, v = relative(pairs.orbit, p)
@@ -64,6 +66,7 @@ def attraction(d, u):
 def resolve(bodies, pairs, p):
     """Add to accelerations and jerks of the moving neighbours what the pair's two bodies make of its centre of mass,
     and to those of the moving pair the reaction."""
+    never_inline()
     sources, first = bodies.sources, pairs.bodies[0, p]
     slots, n, gm = sources.gm.size, sources.a.shape[1], sources.gm[first]
     one = pairs.gm[first]
@@ -91,7 +94,7 @@ def resolve(bodies, pairs, p):
 @jit
 def is_felt(pairs, p):
     """Tell whether the present step moves a neighbour of the pair."""
+    felt = False
     for k in range(pairs.nears[p]):
-        if pairs.moves[pairs.near[p, k]]:
-            return True
-    return False
+        felt = felt or pairs.moves[pairs.near[p, k]] > 0
+    return felt

@@ -11,7 +11,7 @@ import math
 from kickdrift.integrators.hermite.pairs.table import PARTS
 from kickdrift.integrators.hermite.stepper import JERK, A, V, X
 from kickdrift.integrators.wisdom_holman.kepler import kepler_increments, lagrange, one_g, one_solution
-from kickdrift.jit.compile import inlined, jit
+from kickdrift.jit.compile import inlined, jit, never_inline
 from kickdrift.jit.lanes import law_operators as law_operators  # the product of two vectors
 from kickdrift.jit.lanes.vector3 import cross, dot, numbers3, store3, vector3
 
@@ -34,6 +34,7 @@ def keep(orbit, p, r, v):
 @jit
 def bound_orbit(gm, r, v):
     """2 |energy| per reduced mass, semi-major axis and eccentricity; the axis is infinite unless the pair is bound."""
+    never_inline()
     beta = 2.0 * gm / math.sqrt(dot(r, r)) - dot(v, v)
     if not beta > 0.0:
         return beta, math.inf, 1.0
@@ -93,6 +94,7 @@ def fictitious(gm, dt, r, v):
 @jit
 def part(bodies, pairs, p, gm, x, sign, time, r, v):
     """Take a step of the splitting. Return place, velocity and time, which falls with the ``sign`` -1."""
+    never_inline()
     drifts, kicks = pairs.drifts, pairs.kicks
     r, v, dt = flow(gm, drifts[0] * x, r, v)
     time += sign * dt
@@ -106,6 +108,7 @@ def part(bodies, pairs, p, gm, x, sign, time, r, v):
 @jit
 def follow(bodies, pairs, p, end):
     """now <- the pair's orbit at the time ``end``, after the time of the first body's slot or before."""
+    never_inline()
     first = pairs.bodies[0, p]
     gm, time = bodies.sources.gm[first], bodies.times[first]
     sign = 1.0 if end >= time else -1.0
@@ -132,6 +135,7 @@ def follow(bodies, pairs, p, end):
 @jit
 def drift(bodies, pairs, p, end):
     """now <- the pair's orbit at a time, by Kepler's motion alone."""
+    never_inline()
     first = pairs.bodies[0, p]
     r, v = relative(pairs.orbit, p)
     moved, kicked = kepler_increments(bodies.sources.gm[first], end - bodies.times[first], r, v)

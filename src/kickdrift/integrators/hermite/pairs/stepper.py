@@ -13,8 +13,8 @@ from kickdrift.integrators.hermite.pairs.table import (
     AXIS,
     BROKEN,
     COUNT,
+    DISTANCE,
     ECCENTRICITY,
-    ENERGY,
     FORM,
     FORMED,
     KIND,
@@ -22,26 +22,28 @@ from kickdrift.integrators.hermite.pairs.table import (
     ONE,
     OTHER,
     SINGLE,
+    STEP,
     TIME,
     pairs_among,
 )
-from kickdrift.integrators.hermite.stepper import START, HermiteStepper
+from kickdrift.integrators.hermite.stepper import START, TAKEN, HermiteStepper
 from kickdrift.integrators.options import Options
-from kickdrift.integrators.stepping.loops import STEP
+from kickdrift.integrators.stepping.loops import STEP as COUNTED
 from kickdrift.model.memory import Memory
 from kickdrift.model.state import Floats
 
 
 class PairChange(NamedTuple):
-    """Formation or break-up of a pair: its time, its two bodies, its semi-major axis (infinite without one), its
-    eccentricity, and the energy of its orbit over G."""
+    """Formation or break-up of a pair: time and step, whether it formed, its two bodies and their distance, and the
+    semi-major axis (infinite without one) and eccentricity of its orbit."""
 
     time: float
+    step: int
     formed: bool
     bodies: tuple[int, int]
+    distance: float
     axis: float
     eccentricity: float
-    energy: float
 
 
 class PairStepper(HermiteStepper):
@@ -114,14 +116,12 @@ class PairStepper(HermiteStepper):
 
     def _drain(self) -> None:
         """Move the compiled log to ``_changes``."""
-        pairs = self._pairs
-        for row in pairs.log[: pairs.tally[LOGGED]].tolist():
-            self._changes.append(
-                PairChange(
-                    float(self._clock[START]) + row[TIME], row[KIND] == FORM, (int(row[ONE]), int(row[OTHER])),
-                    row[AXIS], row[ECCENTRICITY], row[ENERGY],
-                )
-            )  # fmt: skip
+        pairs, clock = self._pairs, self._clock
+        begun = self.steps_done + int(self._cursor[COUNTED] - clock[TAKEN])
+        for row in pairs.log[: pairs.tally[LOGGED]]:
+            time, bodies = float(clock[START] + row[TIME]), (int(row[ONE]), int(row[OTHER]))
+            orbit = map(float, row[[DISTANCE, AXIS, ECCENTRICITY]])
+            self._changes.append(PairChange(time, begun + int(row[STEP]), bool(row[KIND] == FORM), bodies, *orbit))
         pairs.tally[LOGGED] = 0
 
     def _loop(self, steps: int, until: float) -> int:
@@ -130,7 +130,7 @@ class PairStepper(HermiteStepper):
             status = self._call(pairs_loop, *args)
             full = self._pairs.tally[LOGGED] > 0
             self._drain()
-            if status != OK or not full or self._cursor[STEP] >= steps or self.time >= until:
+            if status != OK or not full or self._cursor[COUNTED] >= steps or self.time >= until:
                 return status
 
     def _series_at(self, since: float) -> Floats:

@@ -22,7 +22,7 @@ SEARCHES = 8.0  # steps of a body from one search for its partner to the next
 SINGLE = -1
 
 COUNT, FORMED, BROKEN, LOGGED = range(4)  # slots of the tally
-TIME, KIND, ONE, OTHER, AXIS, ECCENTRICITY, ENERGY, COLUMNS = range(8)  # columns of the log, and their number
+TIME, STEP, KIND, ONE, OTHER, DISTANCE, AXIS, ECCENTRICITY, COLUMNS = range(9)  # columns of the log, and their number
 FORM, BREAK = 0.0, 1.0  # kinds of changes
 
 
@@ -36,8 +36,8 @@ class Pairs(NamedTuple):
     gm: NDArray[np.float64]  # (n,) G m of each body
     partner: NDArray[np.int64]  # (n,) the other body of the pair, or SINGLE
     bodies: NDArray[np.int64]  # (2, P) the first body, which has the lower number, and the second
-    orbit: NDArray[np.float64]  # (6, P) place and velocity of the second from the first, at the time of the first's slot
-    now: NDArray[np.float64]  # (6, P) the same at the present step point
+    orbit: NDArray[np.float64]  # (6, P) place and velocity of the second from the first, at the first slot's time
+    now: NDArray[np.float64]  # (6, P) the same at another time
     near: NDArray[np.int64]  # (P, NEAR) bodies that feel both bodies of the pair
     nears: NDArray[np.int64]  # (P,) their number
     strength: NDArray[np.float64]  # (P,) of all neighbours together
