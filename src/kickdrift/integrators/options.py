@@ -386,8 +386,8 @@ def coupling_of(options: Mapping[str, Any]) -> str:
 OPTIONS: dict[str, Option] = {
     each.name: each
     for each in (
-        RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PAIRS, PRECISION,
-        MAX_STEP, HILL_RADII, PERICENTRE, INNER,
+        RTOL, ATOL, CONTROLLER, COMPENSATED, ITERATION, COORDINATES, CORRECTOR, ORDER, ETA, SCHEME, PRECISION, MAX_STEP,
+        HILL_RADII, PERICENTRE, INNER,
     )
 }  # fmt: skip
 

@@ -16,7 +16,7 @@ from kickdrift.engines.session import RunFlow
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
-from kickdrift.integrators.options import PRESSURE, RAMP_STEPS, REGULARISED, Options
+from kickdrift.integrators.options import PAIRS, PRESSURE, RAMP_STEPS, REGULARISED, Options
 from kickdrift.integrators.stepping.backward import BackwardStepper, mirrored
 from kickdrift.integrators.stepping.stepper import STOPPED, Stepper
 from kickdrift.jit.cache.notices import compiling_for
@@ -91,7 +91,7 @@ class Integration:
                 f"events: {self.integrator} has a heat bath, which changes velocities inside steps; "
                 "take a method without one"
             )
-        if job.options.pairs == REGULARISED and any(event.kind != Escape.kind for event in events):
+        if job.options.get(PAIRS.name) == REGULARISED and any(event.kind != Escape.kind for event in events):
             raise InputError(
                 "pairs: one step of a regularised pair may be many orbits, in which no event can be searched; take "
                 "pairs = plain, or an escape alone"

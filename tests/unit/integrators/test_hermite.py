@@ -257,7 +257,7 @@ def test_what_was_chosen_is_in_the_report():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"rtol": 1e-6}, "rtol: hermite4 does not take it; it takes dt, eta, scheme"),
+        ({"rtol": 1e-6}, "rtol: hermite4 does not take it; it takes dt, eta, pairs, scheme"),
         ({"eta": 0.0}, "eta must be above 0 and at most 1, got 0.0"),
         ({"eta": math.nan}, "eta must be above 0 and at most 1, got nan"),
         ({"eta": "fine"}, "eta must be above 0 and at most 1, got 'fine'"),

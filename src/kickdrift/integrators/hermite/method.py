@@ -52,7 +52,7 @@ class Hermite(Method):
         if asked.dt is not None:
             given = given.changed(eta=None, scheme=None, pairs=None)
         options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is for other methods
-        if options.pairs == REGULARISED and options.scheme != "block":
+        if options.get(PAIRS.name) == REGULARISED and options.scheme != "block":
             raise InputError("pairs: are regularised in block steps alone; give scheme = block")
         return options if options.dt is not None or options.eta is not None else options.changed(eta=ETA.default)
 
@@ -69,7 +69,7 @@ class Hermite(Method):
             raise InputError(
                 f"{self.name}: needs the time derivative of one force, gravity; {what}; dop853 takes any forces"
             )
-        if options.pairs == REGULARISED:
+        if options.get(PAIRS.name) == REGULARISED:
             (gravity,) = system.forces
             if gravity.softening > 0.0:
                 raise InputError(f"pairs: orbits of pairs need gravity without softening, got {gravity.softening:g}")

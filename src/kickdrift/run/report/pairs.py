@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from kickdrift.integrators.options import REGULARISED
+from kickdrift.integrators.options import PAIRS, REGULARISED
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.system import System
 from kickdrift.text import counted
@@ -35,7 +35,7 @@ class PairReport:
 
 def pair_report(sim: Any) -> PairReport | None:
     """The PairReport of a Simulation; None unless its method regularises pairs."""
-    if sim.options.get("pairs") != REGULARISED:
+    if sim.options.get(PAIRS.name) != REGULARISED:
         return None
     stepper = sim.integration.stepper
     stepper = getattr(stepper, "inner", stepper)
