@@ -10,7 +10,7 @@ import pytest
 import kickdrift as kd
 from kickdrift.errors import InputError
 
-OPTIONS = {"scheme": "block", "pairs": "regularised"}
+OPTIONS = {"pairs": "regularised"}  # in block steps
 
 
 def binary(axis: float, e: float, mass: float) -> tuple[np.ndarray, np.ndarray]:
@@ -135,11 +135,18 @@ def test_a_checkpoint_whose_pairs_make_no_sense_is_refused(key, value):
     ("options", "events", "softening", "message"),
     [
         ({"pairs": "ks"}, [], 0.0, "pairs 'ks' is unknown; known are plain, regularised"),
-        ({"pairs": "regularised"}, [], 0.0, "pairs: are regularised in block steps alone; give scheme = block"),
+        (
+            {"pairs": "regularised", "scheme": "shared"}, [], 0.0,
+            "pairs: are regularised in block steps alone, got scheme = shared",
+        ),
+        (
+            {"pairs": "regularised", "dt": 0.1}, [], 0.0,
+            "dt: fixes the step of hermite4; give either dt, or eta, scheme and pairs",
+        ),
         (OPTIONS, [], 0.1, "pairs: orbits of pairs need gravity without softening, got 0.1"),
         (OPTIONS, [kd.CloseApproach(0.1)], 0.0, "pairs: one step of a regularised pair may be many orbits, in which"),
     ],
-)
+)  # fmt: skip
 def test_what_it_cannot_run(options, events, softening, message):
     system = few()
     system = kd.System(

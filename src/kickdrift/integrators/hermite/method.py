@@ -25,7 +25,7 @@ class Hermite(Method):
     and of this length. Between their steps, and in samples, bodies follow the polynomial of their last step, which is
     as accurate as the step.
 
-    ``pairs`` "regularised" (of block steps, without softening) lets a bound pair that others hardly disturb move as one
+    ``pairs`` "regularised" (in block steps, without softening) lets a bound pair that others hardly disturb move as one
     body. Its own orbit is Kepler's motion with kicks by the tides of its neighbours. It breaks up when these grow.
     """
 
@@ -47,13 +47,16 @@ class Hermite(Method):
         return ETA, SCHEME, PAIRS
 
     def checked(self, given: Options, asked: Options) -> Options:
-        if asked.dt is not None and not (asked.eta is None and asked.scheme in (None, "shared")):
-            raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta and scheme")
+        regularised = asked.get(PAIRS.name) == REGULARISED
+        if asked.dt is not None and (asked.eta is not None or asked.scheme not in (None, "shared") or regularised):
+            raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta, scheme and pairs")
         if asked.dt is not None:
             given = given.changed(eta=None, scheme=None, pairs=None)
+        if given.get(PAIRS.name) == REGULARISED and given.scheme is None:
+            given = given.changed(scheme="block")
         options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is for other methods
         if options.get(PAIRS.name) == REGULARISED and options.scheme != "block":
-            raise InputError("pairs: are regularised in block steps alone; give scheme = block")
+            raise InputError(f"pairs: are regularised in block steps alone, got scheme = {options.scheme}")
         return options if options.dt is not None or options.eta is not None else options.changed(eta=ETA.default)
 
     def parted(self, options: Options, dt: float) -> Options:
