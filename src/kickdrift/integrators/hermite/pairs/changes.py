@@ -164,7 +164,7 @@ def settle(bodies, pairs, end, eta, cursor):
         h = bodies.steps[i]
         while h > want:
             h *= 0.5
-        while 2.0 * h <= want and end / (2.0 * h) == math.floor(end / (2.0 * h)):
+        while 2.0 * h <= want < np.inf and end / (2.0 * h) == math.floor(end / (2.0 * h)):
             h *= 2.0
         bodies.steps[i] = h
 
