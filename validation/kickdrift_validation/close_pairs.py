@@ -4,10 +4,10 @@ A hard binary of eccentricity 0.9 among 100 stars of a Plummer sphere (N-body un
 periods, and the time of a period beside that of plain block steps. A triple whose inner orbit the outer body turns
 (Kozai 1962): its eccentricity beside gauss-radau15's. Encounters of a binary with a single star, all of equal masses:
 their outcomes beside gauss-radau15's by the chi-square test of homogeneity, and the binaries' energies by the test of
-Kolmogorov and Smirnov. Bits over threads, looks and checkpoints, where pairs form and break up. Plummer spheres to core
-collapse: the energy error, and the time of collapse over the half-mass relaxation time of Spitzer 1987, eq. 2-63, with
-0.11 n in the Coulomb logarithm (Giersz & Heggie 1994, doi:10.1093/mnras/268.1.257). The core radius is that of Casertano
-& Hut 1985, doi:10.1086/163589, with six neighbours.
+Kolmogorov and Smirnov. Bits over threads, looks and checkpoints, where pairs form and break up. Plummer spheres to
+core collapse: the energy error, and the time of collapse over the half-mass relaxation time of Spitzer 1987, eq. 2-63,
+with 0.11 n in the Coulomb logarithm (Giersz & Heggie 1994, doi:10.1093/mnras/268.1.257). The core radius is that of
+Casertano & Hut 1985, doi:10.1086/163589, with six neighbours.
 """
 
 import math
@@ -24,6 +24,7 @@ from kickdrift_validation.claim import Claim, at_least, claim, main, under
 BLOCK, PAIRS = {"scheme": "block"}, {"scheme": "block", "pairs": "regularised"}
 PERIODS, AXIS, ECCENTRICITY, STARS = 1_000_000, 1e-5, 0.9, 100
 PLAIN_PERIODS = 200
+CONSERVED = "energy is conserved"
 SHORT, LONG = 1000, 4000  # encounters
 FAR, NEARLY, PATIENCE = 40.0, 50.0, 20_000.0  # distance of a star that leaves, time between two checks, longest time
 
@@ -57,24 +58,16 @@ def hard_binary(timed: bool) -> list[Claim]:
         assert report.energy is not None
         error = report.energy.max_relative_error
         print(f"{name:12} {periods:8} periods: energy error {error:.1e}, {1e6 * seconds[name]:.3g} us a period")
-    rows = [under(f"a = {AXIS:g}, e = 0.9, {PERIODS} periods: energy error", error, 1e-8, "energy is conserved")]
+    rows = [under(f"a = {AXIS:g}, e = 0.9, {PERIODS} periods: energy error", error, 1e-8, CONSERVED)]
     if timed:
         ratio = seconds["plain"] / seconds["regularised"]
-        rows.append(
-            at_least(
-                "time of a period: plain block steps over regularised", ratio, 50.0, "hermite4 alone, the same eta"
-            )
-        )
+        rows.append(at_least("time of a period: plain block steps over regularised", ratio, 50.0, "hermite4 alone"))
     close = field(1e-3)
     for eta, bound in ((0.008, 1e-6), (0.002, 1e-7), (0.0005, 1e-8)):
         report = kd.Simulation(close, "hermite4", eta=eta, **PAIRS).run(until=0.5, interval=0.0125)
         assert report.energy is not None
         error = report.energy.max_relative_error
-        rows.append(
-            under(
-                f"a = 0.001, under tides, 356 periods, eta {eta:g}: energy error", error, bound, "energy is conserved"
-            )
-        )
+        rows.append(under(f"a = 0.001, under tides, 356 periods, eta {eta:g}: energy error", error, bound, CONSERVED))
     return rows
 
 
@@ -161,8 +154,9 @@ def scatterings(count: int) -> list[Claim]:
         found[name] = np.array(rows)
         counts = np.bincount(found[name][:, 0].astype(int), minlength=4)
         print(
-            f"{name:14} leaves 1, 2, the third, none: {counts}; energy error: median {np.median(found[name][:, 2]):.1e}, "
-            f"largest {found[name][:, 2].max():.1e}; {perf_counter() - began:.0f} s"
+            f"{name:14} leaves 1, 2, the third, none: {counts}; energy error: "
+            f"median {np.median(found[name][:, 2]):.1e}, largest {found[name][:, 2].max():.1e}; "
+            f"{perf_counter() - began:.0f} s"
         )
     table = np.array([np.bincount(each[:, 0].astype(int), minlength=4) for each in found.values()])
     p = float(chi2_contingency(table[:, table.any(axis=0)]).pvalue)
@@ -177,7 +171,7 @@ def scatterings(count: int) -> list[Claim]:
             f"{count} encounters: median energy error",
             float(np.median(found["hermite4"][:, 2])),
             1e-6,
-            "energy is conserved",
+            CONSERVED,
         ),
     ]
 
@@ -199,11 +193,7 @@ def same_bits() -> list[Claim]:
     whole, log = run()
     others = [run(2), run(cut=True)]
     same = all(np.array_equal(whole, phase) and log == events for phase, events in others)
-    return [
-        claim(
-            f"bits and {len(log)} events on 2 threads, and after looks and a checkpoint", same, "the same", same, "own"
-        )
-    ]
+    return [claim(f"bits and {len(log)} events: 2 threads, looks and a checkpoint", same, "the same", same, "own")]
 
 
 def core_radius(x: np.ndarray, masses: np.ndarray) -> float:
@@ -229,14 +219,15 @@ def collapses(n: int, seeds: int, eta: float = 0.002) -> list[Claim]:
             radii.append((core_radius(sim.state.positions, sim.state.masses), sim.time))
 
         report = sim.run(until=20.0 * relaxation, interval=0.5, observe=look)
-        assert report.energy is not None and report.pairs is not None
+        assert report.energy is not None
+        assert report.pairs is not None
         least, time = min(radii)
         times.append(time / relaxation)
         errors.append(report.energy.max_relative_error)
         print(
-            f"{n} stars, seed {seed}: core radius {radii[0][0]:.3f}, least {least:.4f} at {time / relaxation:.1f} relaxation "
-            f"times; energy error {errors[-1]:.1e}; pairs: {report.pairs.formed} formed, {report.pairs.broken} broken "
-            f"up; {perf_counter() - began:.0f} s",
+            f"{n} stars, seed {seed}: core radius {radii[0][0]:.3f}, least {least:.4f} at {time / relaxation:.1f} "
+            f"relaxation times; energy error {errors[-1]:.1e}; pairs: {report.pairs.formed} formed, "
+            f"{report.pairs.broken} broken up; {perf_counter() - began:.0f} s",
             flush=True,
         )
     rows = [
@@ -244,7 +235,7 @@ def collapses(n: int, seeds: int, eta: float = 0.002) -> list[Claim]:
             f"{n} stars, to core collapse and beyond, {seeds} runs: energy error",
             max(errors),
             1e-4,
-            "energy is conserved",
+            CONSERVED,
         )
     ]
     if seeds > 2:

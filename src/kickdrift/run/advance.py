@@ -375,7 +375,7 @@ class Integration:
         self.at, self._present, self.record.unfinished = None, None, 0.0
         self.record.steps += stepper.steps_done - before
         self.record.count(stepper.counts - counts)
-        if hasattr(stepper, "changes"):
+        if hasattr(stepper, "changes") and isinstance(self.system, System):
             self.record.events += pair_rows(self.system, stepper)
         if status != OK or not (self.foreign or np.isfinite(stepper.y).all()):  # other programs check their own numbers
             self.fail(inside_step=status != OK, stopped=status == STOPPED)

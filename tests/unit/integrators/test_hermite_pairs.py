@@ -162,5 +162,5 @@ def test_what_it_cannot_run(options, events, softening, message):
 def test_bodies_in_one_place_are_refused():
     x = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     system = kd.System(x, masses=np.ones(3), forces=[kd.Gravity()], units="nbody")
-    with pytest.raises(InputError, match="^positions: particles 0 and 2 are at the same place, distance 0$"):
+    with pytest.raises(InputError, match=r"^positions: particles 0 and 2 are at the same place, distance 0$"):
         simulation(system).run(1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,7 +245,15 @@ class HermiteStepper(Resumable):
     checkpoint holds the series, times and steps of all bodies, and the clock.
     """
 
-    saved = ("_cursor", "_clock", "_begun", "_size", "_bodies.series", "_bodies.times", "_bodies.steps")
+    saved: ClassVar[tuple[str, ...]] = (
+        "_cursor",
+        "_clock",
+        "_begun",
+        "_size",
+        "_bodies.series",
+        "_bodies.times",
+        "_bodies.steps",
+    )
     _lists = None
 
     def __init__(self, flow: Any, options: Options) -> None:
