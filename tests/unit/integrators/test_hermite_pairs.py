@@ -55,6 +55,28 @@ def test_all_bodies_move_as_under_another_method(massless):
     assert fine.report().energy.max_relative_error < 1e-9
 
 
+def test_two_pairs_feel_all_four_bodies():
+    """With centres of mass for the other pair's bodies, the energy error would be 1.6e-6 at any eta."""
+    x, v = binary(0.1, 0.6, 1.0)
+    y, w = binary(0.08, 0.3, 0.8)
+    x, v = np.vstack([x, y + [3.0, 0.0, 0.0]]), np.vstack([v, w + [0.0, 0.6, 0.0]])
+    system = kd.System(x, v, [0.75, 0.25, 0.6, 0.2], forces=[kd.Gravity(G=1.0)], units="nbody", name="four")
+    fine, other = simulation(system, 0.000625), kd.Simulation(system, "gauss-radau15")
+    report = fine.run(until=20.0, interval=0.1)
+    other.run(until=20.0)
+    assert report.pairs.bodies == [(0, 1), (2, 3)]
+    assert report.energy.max_relative_error < 1e-8
+    assert fine.state.phase == pytest.approx(other.state.phase, abs=1e-5)
+
+
+def test_a_pair_alone_takes_any_number_of_periods_in_a_step():
+    x, v = binary(0.1, 0.6, 1.0)
+    sim = simulation(kd.System(x, v, [0.75, 0.25], forces=[kd.Gravity(G=1.0)], units="nbody"))
+    report = sim.run(until=1e4, interval=100.0)
+    assert sim.steps_done < 100
+    assert report.energy.max_relative_error < 1e-12
+
+
 def test_errors_fall_with_eta():
     errors = []
     for eta in (0.01, 0.000625):

@@ -155,6 +155,7 @@ def settle(bodies, pairs, end, eta, cursor):
     for p in range(pairs.tally[COUNT]):
         find_neighbours(bodies, pairs, p)
         drift(bodies, pairs, p, end)
+    for p in range(pairs.tally[COUNT]):
         resolve(bodies, pairs, p)
     for k in range(count):
         i = bodies.due[k]

@@ -2,8 +2,8 @@
 
 import math
 
-from kickdrift.integrators.hermite.pairs.orbit import bound_orbit, relative
-from kickdrift.integrators.hermite.pairs.table import FELT, NEAR
+from kickdrift.integrators.hermite.pairs.orbit import bound_orbit, relative, row_of
+from kickdrift.integrators.hermite.pairs.table import FELT, NEAR, SINGLE
 from kickdrift.jit.compile import inlined, jit, never_inline
 from kickdrift.jit.lanes import law_operators as law_operators  # the product of two vectors
 from kickdrift.jit.lanes.vector3 import dot, numbers3, store3
@@ -62,26 +62,55 @@ def attraction(d, u):
     return -w * d, w * ((3.0 * inverse2 * dot(d, u)) * d - u)
 
 
+@inlined
+def by_two(pairs, p, gm, d, u):
+    """Acceleration and jerk by the two bodies of a pair, at a distance d and with a velocity u from its centre."""
+    r, v = relative(pairs.now, p)
+    one = pairs.gm[pairs.bodies[0, p]]
+    other = gm - one
+    a1, slope1 = attraction(d + (other / gm) * r, u + (other / gm) * v)
+    a2, slope2 = attraction(d - (one / gm) * r, u - (one / gm) * v)
+    return one * a1 + other * a2, one * slope1 + other * slope2
+
+
+@jit
+def is_near(pairs, p, b):
+    """Tell whether a body is a neighbour of the pair."""
+    near = False
+    for k in range(pairs.nears[p]):
+        near = near or pairs.near[p, k] == b
+    return near
+
+
 @jit
 def resolve(bodies, pairs, p):
     """Add to accelerations and jerks of the moving neighbours what the pair's two bodies make of its centre of mass,
-    and to those of the moving pair the reaction."""
+    and to those of the moving pair the reaction. Of two pairs that are neighbours, the first adds what all four bodies
+    make of both."""
     never_inline()
     sources, first = bodies.sources, pairs.bodies[0, p]
     slots, n, gm = sources.gm.size, sources.a.shape[1], sources.gm[first]
-    one = pairs.gm[first]
-    other = gm - one
-    r, v = relative(pairs.now, p)
     centre, motion = numbers3(sources.x, first, slots), numbers3(sources.u, first, slots)
     for k in range(pairs.nears[p]):
         b = pairs.near[p, k]
         if not (pairs.moves[b] or pairs.moves[first]):
             continue
+        q = row_of(pairs, b)
+        both = q != SINGLE and is_near(pairs, q, first)
+        if both and q < p:
+            continue
         d, u = numbers3(sources.x, b, slots) - centre, numbers3(sources.u, b, slots) - motion
-        a1, slope1 = attraction(d + (other / gm) * r, u + (other / gm) * v)
-        a2, slope2 = attraction(d - (one / gm) * r, u - (one / gm) * v)
         whole, slope = attraction(d, u)
-        a, jerk = one * a1 + other * a2 - gm * whole, one * slope1 + other * slope2 - gm * slope
+        if both:
+            r, v = relative(pairs.now, q)
+            one = pairs.gm[b] / sources.gm[b]
+            other = 1.0 - one
+            a1, jerk1 = by_two(pairs, p, gm, d - other * r, u - other * v)
+            a2, jerk2 = by_two(pairs, p, gm, d + one * r, u + one * v)
+            a, jerk = one * a1 + other * a2 - gm * whole, one * jerk1 + other * jerk2 - gm * slope
+        else:
+            a, jerk = by_two(pairs, p, gm, d, u)
+            a, jerk = a - gm * whole, jerk - gm * slope
         if pairs.moves[b]:
             store3(sources.a, b, n, numbers3(sources.a, b, n) + a)
             store3(sources.slope, b, n, numbers3(sources.slope, b, n) + jerk)

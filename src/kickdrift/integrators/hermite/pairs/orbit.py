@@ -8,7 +8,7 @@ carries the strength of the tides as a factor.
 
 import math
 
-from kickdrift.integrators.hermite.pairs.table import PARTS
+from kickdrift.integrators.hermite.pairs.table import COUNT, PARTS, SINGLE
 from kickdrift.integrators.hermite.stepper import JERK, A, V, X
 from kickdrift.integrators.wisdom_holman.kepler import kepler_increments, lagrange, one_g, one_solution
 from kickdrift.jit.compile import inlined, jit, never_inline
@@ -52,9 +52,28 @@ def place(bodies, i, time):
     )
 
 
+@inlined
+def difference(d, share, r):
+    """Attraction by a unit of G m at a distance d from the pair's centre of mass, on the second body less the first."""
+    one, other = d + share * r, d - (1.0 - share) * r
+    inverse1, inverse2 = 1.0 / math.sqrt(dot(one, one)), 1.0 / math.sqrt(dot(other, other))
+    return (inverse2 * inverse2 * inverse2) * other - (inverse1 * inverse1 * inverse1) * one
+
+
+@jit
+def row_of(pairs, first):
+    """Row of the pair with this first body, or SINGLE."""
+    row = SINGLE
+    if pairs.partner[first] > first:
+        for p in range(pairs.tally[COUNT]):
+            if pairs.bodies[0, p] == first:
+                row = p
+    return row
+
+
 @jit
 def tide(bodies, pairs, p, time, r):
-    """Acceleration of the second body from the first by the pair's neighbours."""
+    """Acceleration of the second body from the first by the pair's neighbours, of which pairs have two bodies."""
     first, second = pairs.bodies[0, p], pairs.bodies[1, p]
     gm = bodies.sources.gm
     share = pairs.gm[second] / gm[first]
@@ -62,11 +81,17 @@ def tide(bodies, pairs, p, time, r):
     for k in range(pairs.nears[p]):
         b = pairs.near[p, k]
         if gm[b] > 0.0:
-            d = place(bodies, b, time) - centre
-            one, other = d + share * r, d - (1.0 - share) * r
-            inverse1, inverse2 = 1.0 / math.sqrt(dot(one, one)), 1.0 / math.sqrt(dot(other, other))
-            total = total + (gm[b] * (inverse2 * inverse2 * inverse2)) * other
-            total = total - (gm[b] * (inverse1 * inverse1 * inverse1)) * one
+            d, q = place(bodies, b, time) - centre, row_of(pairs, b)
+            if q == SINGLE:
+                total = total + gm[b] * difference(d, share, r)
+            else:
+                s, v = relative(pairs.orbit, q)
+                moved, _ = kepler_increments(gm[b], time - bodies.times[b], s, v)
+                s = s + moved
+                one = pairs.gm[b]
+                other = gm[b] - one
+                total = total + one * difference(d - (other / gm[b]) * s, share, r)
+                total = total + other * difference(d + (one / gm[b]) * s, share, r)
     return total
 
 
