@@ -59,7 +59,7 @@ def test_two_pairs_feel_all_four_bodies():
     """With centres of mass for the other pair's bodies, the energy error would be 1.6e-6 at any eta."""
     x, v = binary(0.1, 0.6, 1.0)
     y, w = binary(0.08, 0.3, 0.8)
-    x, v = np.vstack([x, y + [3.0, 0.0, 0.0]]), np.vstack([v, w + [0.0, 0.6, 0.0]])
+    x, v = np.vstack([x, y + np.array([3.0, 0.0, 0.0])]), np.vstack([v, w + np.array([0.0, 0.6, 0.0])])
     system = kd.System(x, v, [0.75, 0.25, 0.6, 0.2], forces=[kd.Gravity(G=1.0)], units="nbody", name="four")
     fine, other = simulation(system, 0.000625), kd.Simulation(system, "gauss-radau15")
     report = fine.run(until=20.0, interval=0.1)
@@ -126,6 +126,7 @@ def test_a_run_back_in_time_returns():
     sim.run(until=0.5)
     sim.run(until=0.0)
     assert sim.report().pairs.bodies == [(0, 1)]
+    assert [(each["kind"], each["time"]) for each in sim.events] == [("pair-formed", 0.5)]
     assert sim.state.phase == pytest.approx(few().state.phase, abs=1e-6)
 
 
