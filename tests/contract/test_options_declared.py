@@ -86,7 +86,7 @@ def from_file(name: str, line: str) -> kd.System:
 YOUNGER = (  # than 0.1.0
     "temperature", "temperature_to", "friction", "seed", "noise", "pressure", "pressure_to", "barostat", "coupling",
     "pressure_tau", "compressibility", "pressure_every", "stress", "ramp_steps", "allow_gravity", "tau", "chain",
-    "splitting", "collision_rate", "substeps", "phi0", "phi1", "kernel",
+    "splitting", "collision_rate", "substeps", "phi0", "phi1", "pairs", "kernel",
 )  # fmt: skip
 
 

@@ -105,6 +105,8 @@ SCRIPTS = (
            "beside rebound", 65, peers=("rebound", "mpmath")),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem", 40),
+    Script("close_pairs.py",
+           "hermite4 with regularised pairs: a hard binary, a triple, scatterings, bits, core collapse", 200),
     Script("recommendation.py", "runs that `compare --accuracy` recommends meet the error asked for", 80),
     # bodies
     Script("solar_system_rebound.py", "planets for 10^3 years beside WHFast and IAS15", 60, peers=("rebound",)),

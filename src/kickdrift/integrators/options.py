@@ -271,6 +271,11 @@ ETA = Option(  # default as in Makino & Aarseth 1992 and most later work
     "eta", float, "Accuracy of the steps; the energy error is as its square.", 0.02, above=0.0, most=1.0, written=False
 )
 SCHEME = Option("scheme", str, "One step for all bodies, or one for each.", "shared", ("shared", "block"))
+PLAIN, REGULARISED = "plain", "regularised"
+PAIRS = Option(
+    "pairs", str, "Close pairs in block steps: bodies like all others, or orbits of their own under tides.", PLAIN,
+    (PLAIN, REGULARISED), written=False,
+)  # fmt: skip
 PRECISION = Option(
     "precision", str, "Pair and many-body forces: all in float64, or pairs in float32 and the rest in float64.", DOUBLE,
     (DOUBLE, MIXED), written=False,

@@ -16,7 +16,7 @@ from kickdrift.engines.session import RunFlow
 from kickdrift.errors import InputError, RunError
 from kickdrift.forces.seam.kernel import OK
 from kickdrift.integrators.flows.particle_flow import ParticleFlow
-from kickdrift.integrators.options import PRESSURE, RAMP_STEPS, Options
+from kickdrift.integrators.options import PAIRS, PRESSURE, RAMP_STEPS, REGULARISED, Options
 from kickdrift.integrators.stepping.backward import BackwardStepper, mirrored
 from kickdrift.integrators.stepping.stepper import STOPPED, Stepper
 from kickdrift.jit.cache.notices import compiling_for
@@ -24,13 +24,14 @@ from kickdrift.looks.observers import Sample
 from kickdrift.looks.record import Record
 from kickdrift.model.box.box import Box
 from kickdrift.model.checks.values import no_overflow
-from kickdrift.model.events.events import Event
+from kickdrift.model.events.events import Escape, Event
 from kickdrift.model.memory import Memory
 from kickdrift.model.problem import Problem
 from kickdrift.model.starts.builders import check_overlaps
 from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.run.ramp import Ramp
+from kickdrift.run.report.pairs import pair_rows
 from kickdrift.run.returning import Safe, failure, go_back
 from kickdrift.run.stepping import Shortened, purpose_of, stepping
 from kickdrift.run.watch.watched_stepper import WatchedStepper
@@ -89,6 +90,11 @@ class Integration:
             raise InputError(
                 f"events: {self.integrator} has a heat bath, which changes velocities inside steps; "
                 "take a method without one"
+            )
+        if job.options.get(PAIRS.name) == REGULARISED and any(event.kind != Escape.kind for event in events):
+            raise InputError(
+                "pairs: one step of a regularised pair may be many orbits, in which no event can be searched; take "
+                "pairs = plain, or an escape alone"
             )
         self.watched = tuple(events)
         if events and not self.method.bounces:
@@ -369,6 +375,8 @@ class Integration:
         self.at, self._present, self.record.unfinished = None, None, 0.0
         self.record.steps += stepper.steps_done - before
         self.record.count(stepper.counts - counts)
+        if hasattr(stepper, "changes") and isinstance(self.system, System):
+            self.record.events += pair_rows(self.system, stepper)
         if status != OK or not (self.foreign or np.isfinite(stepper.y).all()):  # other programs check their own numbers
             self.fail(inside_step=status != OK, stopped=status == STOPPED)
         if stepper.steps_done == before:

@@ -257,13 +257,13 @@ def test_what_was_chosen_is_in_the_report():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"rtol": 1e-6}, "rtol: hermite4 does not take it; it takes dt, eta, scheme"),
+        ({"rtol": 1e-6}, "rtol: hermite4 does not take it; it takes dt, eta, scheme, pairs"),
         ({"eta": 0.0}, "eta must be above 0 and at most 1, got 0.0"),
         ({"eta": math.nan}, "eta must be above 0 and at most 1, got nan"),
         ({"eta": "fine"}, "eta must be above 0 and at most 1, got 'fine'"),
         ({"scheme": "tree"}, "scheme 'tree' is unknown; known are shared, block"),
-        ({"dt": 0.1, "eta": 0.1}, "dt: fixes the step of hermite4; give either dt, or eta and scheme"),
-        ({"dt": 0.1, "scheme": "block"}, "dt: fixes the step of hermite4; give either dt, or eta and scheme"),
+        ({"dt": 0.1, "eta": 0.1}, "dt: fixes the step of hermite4; give either dt, or eta, scheme and pairs"),
+        ({"dt": 0.1, "scheme": "block"}, "dt: fixes the step of hermite4; give either dt, or eta, scheme and pairs"),
         ({"dt": -0.1}, "dt must be a positive finite time, got -0.1"),
     ],
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from kickdrift.errors import InputError
 from kickdrift.integrators.method import Method
-from kickdrift.integrators.options import ETA, SCHEME, Option
+from kickdrift.integrators.options import ETA, PAIRS, REGULARISED, SCHEME, Option
 
 if TYPE_CHECKING:
     from kickdrift.integrators.flows.flow import Flow
@@ -24,6 +24,9 @@ class Hermite(Method):
     own step, a power of two, so that many move together and the sum is only over these. A ``dt`` makes all steps shared
     and of this length. Between their steps, and in samples, bodies follow the polynomial of their last step, which is
     as accurate as the step.
+
+    ``pairs`` "regularised" (in block steps, without softening) lets a bound pair that others hardly disturb move as one
+    body. Its own orbit is Kepler's motion with kicks by the tides of its neighbours. It breaks up when these grow.
     """
 
     name: str
@@ -41,18 +44,23 @@ class Hermite(Method):
 
     @property
     def declared(self) -> tuple[Option, ...]:
-        return ETA, SCHEME
+        return ETA, SCHEME, PAIRS
 
     def checked(self, given: Options, asked: Options) -> Options:
-        if asked.dt is not None and not (asked.eta is None and asked.scheme in (None, "shared")):
-            raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta and scheme")
+        regularised = asked.get(PAIRS.name) == REGULARISED
+        if asked.dt is not None and (asked.eta is not None or asked.scheme not in (None, "shared") or regularised):
+            raise InputError(f"dt: fixes the step of {self.name}; give either dt, or eta, scheme and pairs")
         if asked.dt is not None:
-            given = given.changed(eta=None, scheme=None)
+            given = given.changed(eta=None, scheme=None, pairs=None)
+        if given.get(PAIRS.name) == REGULARISED and given.scheme is None:
+            given = given.changed(scheme="block")
         options = super().checked(given.changed(dt=asked.dt), asked)  # a file's dt is for other methods
+        if options.get(PAIRS.name) == REGULARISED and options.scheme != "block":
+            raise InputError(f"pairs: are regularised in block steps alone, got scheme = {options.scheme}")
         return options if options.dt is not None or options.eta is not None else options.changed(eta=ETA.default)
 
     def parted(self, options: Options, dt: float) -> Options:
-        return options.changed(dt=dt, eta=None, scheme=None)
+        return options.changed(dt=dt, eta=None, scheme=None, pairs=None)
 
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         from kickdrift.forces.gravity.direct import Gravity
@@ -64,6 +72,13 @@ class Hermite(Method):
             raise InputError(
                 f"{self.name}: needs the time derivative of one force, gravity; {what}; dop853 takes any forces"
             )
+        if options.get(PAIRS.name) == REGULARISED:
+            (gravity,) = system.forces
+            if gravity.softening > 0.0:
+                raise InputError(f"pairs: orbits of pairs need gravity without softening, got {gravity.softening:g}")
+            from kickdrift.integrators.hermite.pairs.stepper import PairStepper
+
+            return PairStepper(flow, options)
         from kickdrift.integrators.hermite.stepper import HermiteStepper
 
         return HermiteStepper(flow, options)

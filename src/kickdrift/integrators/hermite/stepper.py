@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +58,8 @@ def accelerations_and_jerks(bodies, task):
 
 
 @jit
-def evaluate(bodies, time, cursor):
-    """Compute acceleration and jerk of the moving bodies, at predicted positions of all. Return a status."""
+def predict(bodies, time):
+    """Put all bodies where their series lead, up to the jerk."""
     n, series, times, sources = bodies.times.size, bodies.series, bodies.times, bodies.sources
     for k in range(3):
         for i in range(n):
@@ -67,18 +67,36 @@ def evaluate(bodies, time, cursor):
             a, jerk = series[A, k, i], series[JERK, k, i]
             sources.x[k, i] = series[X, k, i] + s * (series[V, k, i] + s / 2 * (a + s / 3 * jerk))
             sources.u[k, i] = series[V, k, i] + s * (a + s / 2 * jerk)
+
+
+@jit
+def attract(bodies, cursor):
+    """Compute acceleration and jerk of the moving bodies, from where all are."""
     count = bodies.moved[0]
-    if count * n < WORTH_THREADS:
+    if count * bodies.times.size < WORTH_THREADS:
         each_chunk(bodies, Chunks(TASKS, 0), "accelerations_and_jerks")
     else:
         each_chunk(bodies, bodies.chunks, "accelerations_and_jerks")
     cursor[EVALUATIONS] += count
-    total = 0.0
-    for k in range(count):
+
+
+@jit
+def are_finite(bodies):
+    """Tell whether accelerations and jerks of the moving bodies are finite."""
+    sources, total = bodies.sources, 0.0
+    for k in range(bodies.moved[0]):
         i = bodies.due[k]
         for axis in range(3):
             total += sources.a[axis, i] + sources.slope[axis, i]
-    return OK if is_finite(total) else BLOWN_UP
+    return is_finite(total)
+
+
+@jit
+def evaluate(bodies, time, cursor):
+    """Compute acceleration and jerk of the moving bodies, at predicted positions of all. Return a status."""
+    predict(bodies, time)
+    attract(bodies, cursor)
+    return OK if are_finite(bodies) else BLOWN_UP
 
 
 @jit
@@ -137,6 +155,36 @@ def block_step(time, h, want):
     return 2.0 * h if want >= 2.0 * h and parts == math.floor(parts) else h
 
 
+@jit
+def next_end(bodies):
+    """The next end of any body's step."""
+    end = np.inf
+    for i in range(bodies.times.size):
+        end = min(end, bodies.times[i] + bodies.steps[i])
+    return end
+
+
+@jit
+def choose_due(bodies, end, individual):
+    """Let the step to ``end`` move all bodies, or with ``individual`` those whose steps end there. Return the shortest
+    of their steps."""
+    count, shortest, times, own = 0, np.inf, bodies.times, bodies.steps
+    for i in range(times.size):
+        if not individual or times[i] + own[i] == end:
+            bodies.due[count] = i
+            count += 1
+            shortest = min(shortest, end - times[i])
+    bodies.moved[0] = count
+    return shortest
+
+
+@jit
+def rounding(time):
+    """The longest step that is too short to change a time."""
+    here = abs(time)
+    return 10.0 * (np.nextafter(here, np.inf) - here)
+
+
 @driver
 def hermite_start(bodies, cursor):
     """Compute the series of all bodies at the start, up to acceleration and jerk. Return a status."""
@@ -155,32 +203,22 @@ def hermite_loop(bodies, eta, individual, clock, until, steps, cursor):
     """Move to step points until the clock has reached ``until``, or ``steps`` of them. Return a status, STOPPED if a
     step fails. With ``individual``, a step point is the next end of any body's step, else the common end of all."""
     bound = handle(bodies)
-    n, times, own = bound.times.size, bound.times, bound.steps
+    times, own = bound.times, bound.steps
     while cursor[STEP] < steps and clock[START] + clock[NOW] < until:
         time = clock[NOW]
         if individual:
-            end = np.inf
-            for i in range(n):
-                end = min(end, times[i] + own[i])
+            end = next_end(bound)
         elif clock[FIXED] > 0.0:
             end = (clock[TAKEN] + 1.0) * clock[FIXED]
         else:
             end = time + clock[NEXT]
-        count, shortest = 0, np.inf
-        for i in range(n):
-            if not individual or times[i] + own[i] == end:
-                bound.due[count] = i
-                count += 1
-                shortest = min(shortest, end - times[i])
-        bound.moved[0] = count
-        here = abs(clock[START] + time)
-        if not shortest > 10.0 * (np.nextafter(here, np.inf) - here):
+        if not choose_due(bound, end, individual) > rounding(clock[START] + time):
             return STOPPED
         status = evaluate(bound, end, cursor)
         if status != OK:
             return status
         least = MOST * (end - time)
-        for k in range(count):
+        for k in range(bound.moved[0]):
             i = bound.due[k]
             h = end - times[i]
             correct(bound, i, h)
@@ -207,7 +245,15 @@ class HermiteStepper(Resumable):
     checkpoint holds the series, times and steps of all bodies, and the clock.
     """
 
-    saved = ("_cursor", "_clock", "_begun", "_size", "_bodies.series", "_bodies.times", "_bodies.steps")
+    saved: ClassVar[tuple[str, ...]] = (
+        "_cursor",
+        "_clock",
+        "_begun",
+        "_size",
+        "_bodies.series",
+        "_bodies.times",
+        "_bodies.steps",
+    )
     _lists = None
 
     def __init__(self, flow: Any, options: Options) -> None:
@@ -265,15 +311,12 @@ class HermiteStepper(Resumable):
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         if not self._begun:
-            status = self._call(hermite_start, self._bodies, self._cursor)
+            status = self._begin()
             if status != OK:
                 return status
-            self._clock[NEXT] = self._first_step()
-            self._bodies.steps[:] = self._clock[NEXT]
+            self._first_steps()
             self._begun = True
-        status = self._call(
-            hermite_loop, self._bodies, self._eta, self._individual, self._clock, until, steps, self._cursor
-        )
+        status = self._loop(steps, until)
         if self._cursor[STEP]:
             self.steps_done += int(self._cursor[STEP])
             self.y = self._series_at(self._clock[NOW])
@@ -287,10 +330,25 @@ class HermiteStepper(Resumable):
             )
         return status
 
+    def _begin(self) -> int:
+        """Compute the series at the start. Return a status."""
+        return self._call(hermite_start, self._bodies, self._cursor)
+
+    def _first_steps(self) -> None:
+        """Choose the first step of each body."""
+        self._clock[NEXT] = self._first_step()
+        self._bodies.steps[:] = self._clock[NEXT]
+
+    def _loop(self, steps: int, until: float) -> int:
+        """Take steps. Return a status."""
+        return self._call(
+            hermite_loop, self._bodies, self._eta, self._individual, self._clock, until, steps, self._cursor
+        )
+
     def _call(self, compiled: Any, *args: Any) -> int:
         if self._flow.forces.threads > 1:
             team_of(self._flow.forces.threads).start()
-        return compiled(*args)
+        return int(compiled(*args))
 
     def _first_step(self) -> float:
         """Length of the first step, shared by all, so that the second step knows snap and crackle of each body.

@@ -143,6 +143,11 @@ class BackwardStepper:
         y, before = self.inner.reached(inside_step)
         return self._mirrored(y), before
 
+    def changes(self) -> list[Any]:
+        """Changes of regularised pairs since the last call, if the method has such pairs."""
+        found = self.inner.changes() if hasattr(self.inner, "changes") else []
+        return [each._replace(time=0.0 - each.time) for each in found]
+
     def memory(self) -> Memory:
         """See Stepper: the memory of the mirrored motion."""
         found: Memory = self.inner.memory()

@@ -26,6 +26,7 @@ from kickdrift.run.report.charges import ChargeReport, charge_report
 from kickdrift.run.report.energy import EnergyReport, energy_report, work_of, working
 from kickdrift.run.report.hits import HitReport, hit_report
 from kickdrift.run.report.molecules import MoleculeReport, molecule_report
+from kickdrift.run.report.pairs import PairReport, pair_report
 from kickdrift.run.report.shown import ShownReport
 from kickdrift.run.report.tensor import TensorReport, tensor_report
 from kickdrift.run.report.warnings import DIFFERS, DRAWN, SLOW, cause_of_drift, ends_badly, melting, moving, verdict
@@ -81,6 +82,7 @@ class Report(ShownReport):
     the pressure of a barostat. ``volume`` and ``volume_error`` are those of a box that a barostat changes, else None.
     ``tensor`` has the components of the pressure, where the barostat changes the shape of the box. ``hits`` counts
     those of hard spheres under ``event-driven``; the pressure is then that of motion and hits between two looks.
+    ``pairs`` counts the pairs that ``hermite4`` regularises.
     ``heat`` is the energy that the bath gave, and ``work`` the energy that the change of the box gave; None without
     bath or barostat, and if the engine does not tell them. ``options`` holds the options except dt and tolerances.
     ``wall_seconds`` is the time of steps and looks, ``compile_seconds`` that of compiling, or of loading compiled code
@@ -142,6 +144,7 @@ class Report(ShownReport):
     molecules: MoleculeReport | None = None
     tensor: TensorReport | None = None
     hits: HitReport | None = None
+    pairs: PairReport | None = None
 
     @cached_property
     def temperature_error(self) -> float | None:
@@ -217,7 +220,7 @@ class Report(ShownReport):
             "charges": self.charges and asdict(self.charges),
         }
         parts |= {"molecules": self.molecules and asdict(self.molecules), "tensor": self.tensor and asdict(self.tensor)}
-        parts["hits"] = self.hits and asdict(self.hits)
+        parts |= {"hits": self.hits and asdict(self.hits), "pairs": self.pairs and asdict(self.pairs)}
         return plain(own | parts)
 
     def written_to(self, output: str | os.PathLike[str] | None) -> Report:
@@ -298,6 +301,7 @@ def report(sim: Any) -> Report:
         molecules=molecule_report(system, sim),
         tensor=tensor_report(system, sim),
         hits=hit_report(sim),
+        pairs=pair_report(sim),
         about=_about(system, series, even, bath)._replace(drawn=sim.method.overdamped, slow=sim.method.slow_velocities),
     )
 

@@ -65,6 +65,8 @@ class ShownReport(Shown):
             lines += self.tensor.lines(symbol_of(f"{units.energy}/{units.length}^{self.about.dimensions}"))
         if units and self.hits is not None:
             lines += self.hits.lines(time_unit)
+        if self.pairs is not None:
+            lines += self.pairs.lines()
         if units and self.volume is not None:
             per = symbol_of(f"{units.length}^{self.about.dimensions}")
             lines.append(("volume", mean_text(self.volume, self.volume_error, per)))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.display.showing import last_stage
 from kickdrift.errors import RunError
+from kickdrift.integrators.options import PAIRS
 from kickdrift.looks.columns import TIME
 from kickdrift.looks.observers import columns_of
 from kickdrift.looks.record import WRITING
@@ -66,7 +67,8 @@ class File(Watcher):
     @property
     def takes_series(self) -> bool:
         """Whether `series` can write looks after the run has left them: these have no events, columns or forces."""
-        other = self._run.events or self._acting or self._columns or "forces" in self._writer.writes
+        told = self._run.events or self._run.options.get(PAIRS.name)
+        other = told or self._acting or self._columns or "forces" in self._writer.writes
         return not (other or self._run.replaced)
 
     def patience(self, most: float) -> float:
