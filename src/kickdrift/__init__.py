@@ -312,6 +312,7 @@ _ABOVE = {
     "bridge to MDAnalysis": "bridges.mdanalysis",
     "bridge to openmm": "bridges.openmm.system",
     "bridge to rebound": "bridges.rebound",
+    "cluster figure": "plots.clusters:cluster_figure",
     "comparison figure": "plots.results:comparison_figure",
     "force figure": "plots.results:force_figure",
     "sampling figure": "plots.results:sampling_figure",
