@@ -83,8 +83,8 @@ def telling(command: Callable[..., None]) -> Callable[..., None]:
 
 
 COMMANDS = (  # in the order of --help
-    new, run, resume, relax, ensemble, compare, compare_engines, chaos, transits, certify, analyze, cluster, plot, view, page,
-    movie, export, info, show, schema, cite, validate, doctor,
+    new, run, resume, relax, ensemble, compare, compare_engines, chaos, transits, certify, analyze, cluster, plot, view,
+    page, movie, export, info, show, schema, cite, validate, doctor,
 )  # fmt: skip
 
 app = typer.Typer(

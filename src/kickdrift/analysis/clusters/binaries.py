@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from kickdrift.analysis.clusters.stars import Stars, stars_of
 from kickdrift.errors import InputError
 from kickdrift.model.checks.values import number
-from kickdrift.text import shown
 from kickdrift.model.state import Floats
+from kickdrift.text import shown
 
 NEAREST = 6  # neighbours among which a star's partner is looked for
 
@@ -49,11 +49,11 @@ class Pairs(NamedTuple):
 
     def harder(self, least: float) -> Pairs:
         """The pairs with at least this binding energy."""
-        return Pairs(*(each[-self.energies >= least] for each in self))
+        return Pairs._make(each[-self.energies >= least] for each in self)
 
     def within(self, chosen: NDArray[np.bool_]) -> Pairs:
         """The pairs of two chosen stars; ``chosen`` (n,)."""
-        return Pairs(*(each[chosen[self.stars].all(axis=1)] for each in self))
+        return Pairs._make(each[chosen[self.stars].all(axis=1)] for each in self)
 
 
 def binaries(source: Any, least_hardness: float = 1.0) -> tuple[Binary, ...]:
@@ -104,7 +104,7 @@ def pairs_in(stars: Stars) -> Pairs:
     e = np.sqrt(np.maximum(0.0, 1.0 - spin2 / (gm * a)))
     order = np.argsort(energies, kind="stable")
     found = Pairs(np.stack([first, second], axis=1), energies, a, e, 2.0 * math.pi * np.sqrt(a**3 / gm))
-    return Pairs(*(each[order] for each in found))
+    return Pairs._make(each[order] for each in found)
 
 
 def _energies(stars: Stars, one: Any, other: Any) -> tuple[Floats, Floats]:

@@ -198,9 +198,7 @@ def anisotropies(stars: Stars, centre: Floats, velocity: Floats, radii: Floats) 
     radial, all_ = stars.masses * inwards**2, stars.masses * (u**2).sum(axis=1)
     shell = np.searchsorted(radii, r)
     size = len(radii)
-    along, every, many = (
-        np.bincount(shell, weights, size + 1)[:size] for weights in (radial, all_, np.ones(len(r)))
-    )
+    along, every, many = (np.bincount(shell, weights, size + 1)[:size] for weights in (radial, all_, np.ones(len(r))))
     with np.errstate(divide="ignore", invalid="ignore"):
         shells = np.where(many > 1, 1.0 - (every - along) / (2.0 * along), np.nan)
         return float(1.0 - (all_.sum() - radial.sum()) / (2.0 * radial.sum())), shells

@@ -122,7 +122,8 @@ class ClusterReport(Shown):
     def _lines(self) -> Lines:
         first, last = self.states[0], self.states[-1]
         units = self.units.described(("length", "time"))
-        lines = [("cluster", f"{self.name}: {first.stars:,} stars, {counted(len(self.states), "state")}; {units}")]
+        states = counted(len(self.states), "state")
+        lines = [("cluster", f"{self.name}: {first.stars:,} stars, {states}; {units}")]
         relaxation = measured(f"{first.relaxation_time:.4g}", self.units.symbol("time"))
         lines.append(("relaxation", f"{relaxation} at the half-mass radius of the first state"))
         if not math.isnan(last.tidal_radius):
@@ -187,12 +188,14 @@ class _Latest:
     """The cluster of a Simulation at its last look, so that several columns share one computation."""
 
     def __init__(self, settings: Any) -> None:
-        self._settings, self._at, self._found = settings, None, None
+        self._settings = settings
+        self._at: Any = None
+        self._found: Any = None
 
     def value(self, name: str, sim: Any) -> Any:
-        at: Any = (id(sim), sim.time, sim.steps_done)
+        at = (id(sim), sim.time, sim.steps_done)
         if at != self._at:
-            self._found: Any = cluster_in(stars_of(sim, "cluster"), *self._settings)
+            self._found = cluster_in(stars_of(sim, "cluster"), *self._settings)
             self._at = at
         return getattr(self._found, name)
 
