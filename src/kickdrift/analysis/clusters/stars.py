@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
@@ -85,9 +86,7 @@ def potentials(stars: Stars) -> Floats:
     found, rows = np.empty(n), max(1, BLOCK // n)
     for first in range(0, n, rows):
         own = np.arange(first, min(first + rows, n))
-        r2 = np.full((len(own), n), stars.softening**2)
-        for k in range(3):
-            r2 += (x[own, k, None] - x[:, k]) ** 2
+        r2 = cdist(x[own], x, "sqeuclidean") + stars.softening**2
         r2[own - first, own] = np.inf
         found[own] = -stars.gravity * ((1.0 / np.sqrt(r2)) @ masses)
     return found
