@@ -12,15 +12,14 @@ import numpy as np
 
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.bound.table import SLOTS, fill_accelerations
-from kickdrift.forces.seam.kernel import BLOWN_UP, OK
+from kickdrift.forces.seam.kernel import OK
 from kickdrift.forces.tree.force import GravityTree
-from kickdrift.forces.tree.kernel import TreeKernel, sum_all
+from kickdrift.forces.tree.kernel import TreeKernel
 from kickdrift.integrators.stepping.loops import STEP
 from kickdrift.integrators.stepping.stepper import Counts
 from kickdrift.integrators.stepping.stepping import Regular, Retimed
-from kickdrift.jit.compile import driver, is_finite, jit
+from kickdrift.jit.compile import driver, jit
 from kickdrift.jit.handle import handle
-from kickdrift.jit.threads.chunks import team_of
 from kickdrift.model.state import Floats
 
 if TYPE_CHECKING:
@@ -48,33 +47,18 @@ def wanted_level(a, i, dt, length):
     return level
 
 
-@jit
-def accelerations_of_some(tree, others, time, y, a, beside, cursor):
-    """a <- the accelerations of the bodies that are ``wanted`` of the tree; return a status."""
-    if not sum_all(tree, False, y[0]):
-        return BLOWN_UP
-    status = fill_accelerations(others, time, y[0], y[1], beside, None, cursor)
-    if status != OK:
-        return status
-    for i in range(tree.wanted.size):
-        if tree.wanted[i]:
-            for k in range(3):
-                a[k, i] = tree.spare[i, k] + beside[k, i]
-                if not is_finite(a[k, i]):
-                    return BLOWN_UP
-    return OK
-
-
 @driver
-def block_loop(others, tree, y, a, beside, levels, begun, summed, dt, length, start, first, steps, cursor):
+def block_loop(forces, wanted, y, a, work, levels, begun, summed, dt, length, start, first, steps, cursor):
     """Take ``steps`` of dt; see ``loops``. ``a`` and ``levels`` are those at y. Return a status.
 
-    ``summed`` counts the bodies whose acceleration was computed. ``length`` is 2 eta softening."""
-    tree, others = handle(tree), handle(others)
+    The tree sums the accelerations of the bodies that are ``wanted``, into ``work``, and ``summed`` counts them.
+    ``length`` is 2 eta softening.
+    """
+    bound = handle(forces)
     n = y.shape[2]
     if steps > 0 and begun[0] == 0:
-        tree.wanted[:] = True
-        status = accelerations_of_some(tree, others, start + first * dt, y, a, beside, cursor)
+        wanted[:] = True
+        status = fill_accelerations(bound, start + first * dt, y[0], y[1], a, None, cursor)
         if status != OK:
             return status
         summed[0] += n
@@ -95,15 +79,17 @@ def block_loop(others, tree, y, a, beside, levels, begun, summed, dt, length, st
             for i in range(n):
                 for k in range(3):
                     y[0, k, i] += drift * y[1, k, i]
-                tree.wanted[i] = tick % ticks_of(levels[i]) == 0
-                summed[0] += tree.wanted[i]
+                wanted[i] = tick % ticks_of(levels[i]) == 0
+                summed[0] += wanted[i]
             time = start + (first + cursor[STEP] + tick / TICKS) * dt
-            status = accelerations_of_some(tree, others, time, y, a, beside, cursor)
+            status = fill_accelerations(bound, time, y[0], y[1], work, None, cursor)
             if status != OK:
                 return status
             deepest = 0
             for i in range(n):
-                if tree.wanted[i]:
+                if wanted[i]:
+                    for k in range(3):
+                        a[k, i] = work[k, i]
                     kick = 0.5 * dt * ticks_of(levels[i]) / TICKS
                     level = wanted_level(a, i, dt, length)
                     if level < levels[i] and tick < TICKS:
@@ -130,15 +116,17 @@ class BlockStepper(Retimed, Regular):
         system: Any = flow.subject
         assert options.dt is not None
         self._flow, self.dt = flow, options.dt
-        (force,) = (each for each in system.forces if isinstance(each, GravityTree))
-        rest = system.under(each for each in system.forces if each is not force)
-        self._others = BoundForces(rest, flow.forces.threads, jumps=False)  # type: ignore[union-attr]
+        (tree,) = (each for each in system.forces if isinstance(each, GravityTree))
         n = len(system)
-        parts: TreeKernel = force.bind(system, flow.forces.threads)  # type: ignore[union-attr]
-        self._tree = parts._replace(wanted=np.ones(n, np.bool_))
-        self._length = 2.0 * (options.eta or 0.0) * force.softening
+        self._wanted = np.ones(n, np.bool_)
+        self._forces = BoundForces(system, flow.forces.threads, jumps=False)
+        self._forces.forces = tuple(
+            type(each)(each.parts._replace(wanted=self._wanted)) if isinstance(each.parts, TreeKernel) else each
+            for each in self._forces.forces
+        )
+        self._length = 2.0 * (options.eta or 0.0) * tree.softening
         self._cursor = np.zeros(SLOTS, np.int64)
-        self._a, self._beside = np.zeros((2, 3, n))
+        self._a, self._work = np.zeros((2, 3, n))
         self._levels = np.zeros(n, np.int64)
         self._begun, self._summed = np.zeros((2, 1), np.int64)
 
@@ -151,15 +139,13 @@ class BlockStepper(Retimed, Regular):
 
     def advance(self, steps: int, until: float = np.inf) -> int:
         """See Stepper."""
-        if self._others.threads > 1:
-            team_of(self._others.threads).start()
-        status = block_loop(
-            self._others.table, self._tree, self.y, self._a, self._beside, self._levels, self._begun, self._summed,
-            self.dt, self._length, self._start, self.steps_done, steps, self._cursor,
+        status = self._forces.call(
+            block_loop, self._wanted, self.y, self._a, self._work, self._levels, self._begun, self._summed, self.dt,
+            self._length, self._start, self.steps_done, steps, self._cursor,
         )  # fmt: skip
         self.steps_done += int(self._cursor[STEP])
         self._cursor[STEP] = 0
-        return int(status)
+        return status
 
     @property
     def counts(self) -> Counts:
