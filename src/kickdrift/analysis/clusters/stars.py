@@ -9,6 +9,7 @@ from scipy.spatial.distance import cdist
 
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
+from kickdrift.forces.fields.shipped import Field
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.forces.laws.field_law import FieldForce
 from kickdrift.model.state import Floats
@@ -73,7 +74,7 @@ def stars_at(system: System, x: Floats, v: Floats, masses: Floats, time: float, 
     if np.count_nonzero(there) < 2:
         raise InputError(f"{called}: expected two or more bodies with mass, got {np.count_nonzero(there)}")
     constant = gravitational_constant(own[0].name, own[0].G, system)
-    galaxy = tuple(force for force in system.forces if isinstance(force, FieldForce))
+    galaxy = tuple(force for force in system.forces if isinstance(force, Field | FieldForce))
     found = Stars(x, v, masses, constant, own[0].softening, float(time), galaxy, system.units)
     return found.some(there)
 
@@ -106,16 +107,19 @@ def _by_tree(stars: Stars) -> Floats:
 def tidal_strength(stars: Stars, centre: Floats, motion: Floats) -> float | None:
     """Strength of the galaxy's tide at a centre with a velocity: Omega^2 + dF_r / dr, per time squared.
 
-    Omega = |r x v| / r^2 is the angular speed about the origin and F_r the galaxy's radial acceleration (King 1962,
-    doi:10.1086/108756). None without a field of a galaxy, or where the tide does not pull stars away.
+    Omega = |r x v| / r^2 is the angular speed about the field's centre, by default the origin, and F_r the field's
+    radial acceleration (King 1962, doi:10.1086/108756). None without a field of a galaxy, or where the tide does not
+    pull stars away.
     """
-    distance = float(np.linalg.norm(centre))
+    given = (getattr(force, "centre", None) for force in stars.galaxy)
+    middle = next((np.array(each, dtype=float) for each in given if np.shape(each) == (3,)), np.zeros(3))
+    distance = float(np.linalg.norm(centre - middle))
     if not stars.galaxy or distance == 0.0:
         return None
-    outwards, h = centre / distance, STEP * distance
+    outwards, h = (centre - middle) / distance, STEP * distance
     places = centre + h * np.array([-1.0, 1.0])[:, None] * outwards
     probes = System(places, masses=float(stars.masses.mean()), forces=stars.galaxy, units=stars.units)
     pulls = BoundForces(probes).derivative(stars.time, probes.state.phase)[1].T
-    turning = float(np.linalg.norm(np.cross(centre, motion))) / distance**2
+    turning = float(np.linalg.norm(np.cross(outwards, motion))) / distance
     strength = turning**2 + float((pulls[1] - pulls[0]) @ outwards) / (2.0 * h)
     return strength if strength > 0.0 else None
