@@ -91,7 +91,7 @@ def cluster(
     A star is bound if its energy is negative, with the potential of all stars and its velocity relative to the bound
     ones. Under fields such as those of a galaxy, the tidal radius is (G M / (Omega^2 + dF_r / dr))^(1/3), with the mass
     M inside it (King 1962, doi:10.1086/108756), about the centre of the field, or the origin. Stars beyond twice
-    this radius count as escapers. A pair with a binding energy of at least kT is one body in anisotropy and temperature.
+    this radius count as escapers. A pair with a binding energy of kT or more is one body in anisotropy and temperature.
 
     Parameters
     ----------

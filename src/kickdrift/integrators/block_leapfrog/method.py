@@ -55,6 +55,10 @@ class BlockLeapfrog(Method):
             if getattr(force, "velocity_dependent", False):
                 raise InputError(f"{self.name}: force {force.name!r} depends on velocity; leapfrog takes it")
 
+    def checked(self, given: Options, asked: Options) -> Options:
+        options = super().checked(given, asked)
+        return options if options.eta is not None else options.changed(eta=ETA.default)
+
     def stepper(self, flow: Flow, options: Options) -> Stepper:
         self.system_of(flow)
         from kickdrift.integrators.block_leapfrog.stepper import BlockStepper

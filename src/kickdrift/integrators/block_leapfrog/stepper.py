@@ -115,6 +115,7 @@ class BlockStepper(Retimed, Regular):
     def __init__(self, flow: Flow, options: Options) -> None:
         system: Any = flow.subject
         assert options.dt is not None
+        assert options.eta is not None
         self._flow, self.dt = flow, options.dt
         (tree,) = (each for each in system.forces if isinstance(each, GravityTree))
         n = len(system)
@@ -124,7 +125,7 @@ class BlockStepper(Retimed, Regular):
             type(each)(each.parts._replace(wanted=self._wanted)) if isinstance(each.parts, TreeKernel) else each
             for each in self._forces.forces
         )
-        self._length = 2.0 * (options.eta or 0.0) * tree.softening
+        self._length = 2.0 * options.eta * tree.softening
         self._cursor = np.zeros(SLOTS, np.int64)
         self._a, self._work = np.zeros((2, 3, n))
         self._levels = np.zeros(n, np.int64)
