@@ -111,7 +111,7 @@ def tidal_strength(stars: Stars, centre: Floats, motion: Floats) -> float | None
     radial acceleration (King 1962, doi:10.1086/108756). None without a field of a galaxy, or where the tide does not
     pull stars away.
     """
-    given = (getattr(force, "centre", None) for force in stars.galaxy)
+    given: list[Any] = [getattr(force, "centre", None) for force in stars.galaxy]
     middle = next((np.array(each, dtype=float) for each in given if np.shape(each) == (3,)), np.zeros(3))
     distance = float(np.linalg.norm(centre - middle))
     if not stars.galaxy or distance == 0.0:
