@@ -45,7 +45,6 @@ REASONS = {  # words by the text of a refusal
     r"out of the system's two dimensions": "it pushes out of planes",
     "leapfrog-block: needs one force": "gravity by a tree alone",
     "leapfrog-block: needs a softening": "a softening sets the steps",
-    "leapfrog-block: force .* depends on velocity": "the force depends on velocity",
     r"needs one force 'hill'": "Hill's frame alone",
     r"needs one event 'collision'": "hard spheres alone",
     r"needs one force 'gravity'": "gravity alone",
