@@ -28,8 +28,10 @@ def needed(name):
 
 
 def in_frame(name, system):
-    """The system in the frame that a method needs: Hill's for sei, which hardly turns; spheres for event-driven; else
-    unchanged."""
+    """The system in the frame that a method needs: Hill's for sei, which hardly turns; spheres for event-driven; a tree
+    for leapfrog-block; else unchanged."""
+    if name == "leapfrog-block" and isinstance(system, System):
+        return system.with_forces(kd.GravityTree(softening=0.1))
     if name == "event-driven" and isinstance(system, System):
         return system.with_forces().watched([kd.Collision(radii=0.01, action="bounce")])
     return system.with_forces(*system.forces, kd.Hill(0.02)) if name == "sei" and isinstance(system, System) else system

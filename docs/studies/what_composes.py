@@ -43,6 +43,8 @@ REASONS = {  # words by the text of a refusal
     r"in three dimensions|needs three dimensions": "three dimensions alone",
     r"depends on velocity": "the force depends on velocity",
     r"out of the system's two dimensions": "it pushes out of planes",
+    "leapfrog-block: needs one force": "gravity by a tree alone",
+    "leapfrog-block: needs a softening": "a softening sets the steps",
     r"needs one force 'hill'": "Hill's frame alone",
     r"needs one event 'collision'": "hard spheres alone",
     r"needs one force 'gravity'": "gravity alone",

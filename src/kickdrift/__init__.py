@@ -308,10 +308,12 @@ _MOVED = {
 # Places of functions in upper layers, by what each makes. Lower layers ask for them with ``display.showing.above``.
 _ABOVE = {
     "bridge to ase": "bridges.ase",
+    "bridge to h5py": "bridges.snapshots",
     "bridge to lammps": "bridges.lammps.system",
     "bridge to MDAnalysis": "bridges.mdanalysis",
     "bridge to openmm": "bridges.openmm.system",
     "bridge to rebound": "bridges.rebound",
+    "cluster figure": "plots.clusters:cluster_figure",
     "comparison figure": "plots.results:comparison_figure",
     "force figure": "plots.results:force_figure",
     "sampling figure": "plots.results:sampling_figure",

@@ -25,6 +25,7 @@ TWINS = {
     "relax": "Simulation Simulation.minimize load", "compare": "compare load",
     "compare-engines": "analysis.compare_engines load", "chaos": "megno", "transits": "transits",
     "certify": "analysis.ensemble_checks analysis.engine_checks Simulation load", "analyze": "analysis.orbit_report",
+    "cluster": "analysis.cluster_report",
     "ensemble": "Ensemble Ensemble.run", "plot": "open().plot Problem.plot Simulation Simulation.run",
     "movie": "movie", "export": "export load", "view": "open().view", "info": "open load", "show": "load",
     "new": "template", "schema": "", "cite": "cite", "doctor": "doctor", "list": "listing",
@@ -53,6 +54,10 @@ OTHERS: dict[str, dict[str, str]] = {
         "--json": "analysis.EnsembleChecks.as_json",
     },
     "analyze": {"--plot": "analysis.OrbitReport.plot", "--json": "analysis.OrbitReport.as_json"},
+    "cluster": {
+        "subject": "analysis.cluster_report(source)", "--fraction": "analysis.cluster_report(fractions)",
+        "--plot": "analysis.ClusterReport.plot", "--json": "analysis.ClusterReport.as_json",
+    },
     "ensemble": {
         **dict.fromkeys(("--integrator", "--dt", "--steps", "--time", "--every"), "Ensemble(settings)"),
         "--scheduler": "Ensemble.run(client)",
@@ -77,7 +82,7 @@ OF_FILES = {
     "plot": {"--output", "--overwrite", "--csv"}, "compare": {"--overwrite"},
     "compare-engines": {"--overwrite", "--quiet"}, "chaos": {"--overwrite"}, "info": {"--overwrite"},
     "relax": {"--overwrite"}, "list": {"--all", "--overwrite"}, "certify": {"--overwrite"},
-    "analyze": {"--overwrite", "--quiet"}, "transits": {"--overwrite"},
+    "analyze": {"--overwrite", "--quiet"}, "cluster": {"--overwrite", "--quiet"}, "transits": {"--overwrite"},
     "view": {"--output", "--overwrite", "--open", "--quiet"},
     "new": {"--output", "--schema"}, "doctor": {"--overwrite"},
 }  # fmt: skip

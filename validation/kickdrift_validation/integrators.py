@@ -46,6 +46,7 @@ from kickdrift_validation.registry import SCRIPTS
 # Methods that take particles alone, or steps of their own making, each in a script of its own.
 ELSEWHERE = {
     "leapfrog-exact": "exact-reversal", "leapfrog-adaptive": "adaptive-leapfrog", "hermite4": "hermite",
+    "leapfrog-block": "cluster-results",
     "wisdom-holman": "wisdom-holman", "saba": "wisdom-holman", "trace": "trace", "gauss-radau15": "gauss-radau",
     "sei": "shearing-sheet", "eos": "embedded-splitting", "event-driven": "hard-spheres",
     **{row.name: "heat-baths" for row in baths.ROWS}, **{row.name: "multiple-time-steps" for row in RESPA},

@@ -104,6 +104,8 @@ SCRIPTS = (
            "sei in Hill's frame: epicycles, order, a satellite that passes, rings of bouncing particles; "
            "beside rebound", 65, peers=("rebound", "mpmath")),
     Script("gauss_radau.py", "gauss-radau15 beside IAS15 and binary128; Brouwer's law", 60, peers=("rebound",)),
+    Script("cluster_results.py", "clusters: radii, core, snapshots; block steps over the tree, beside others", 60,
+           peers=("pynbody", "rebound", "pytreegrav")),
     Script("hermite.py", "hermite4 in shared and block steps: clusters, Kepler, Burrau's problem", 40),
     Script("close_pairs.py",
            "hermite4 with regularised pairs: a hard binary, a triple, scatterings, bits, core collapse", 200),

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from kickdrift.analysis.certify.certificate import EnsembleChecks, ForceChecks
     from kickdrift.analysis.certify.certifying import engine_checks, ensemble_checks
     from kickdrift.analysis.certify.force_testing import force_checks
+    from kickdrift.analysis.clusters.binaries import Binary, binaries
+    from kickdrift.analysis.clusters.cluster import Cluster, cluster
+    from kickdrift.analysis.clusters.report import ClusterReport, cluster_columns, cluster_report
     from kickdrift.analysis.compare.engine_forces import EngineComparison, EngineForces, compare_engines
     from kickdrift.analysis.compare.sampling import SamplingComparison, SamplingRow
     from kickdrift.analysis.crystals.elastic import ElasticConstants, elastic_constants
@@ -31,7 +34,10 @@ if TYPE_CHECKING:
 
 # No name here may be a module's name in this folder: loading that module would replace the function.
 _HOMES = {
+    "Binary": "kickdrift.analysis.clusters.binaries",
     "ChainStatistics": "kickdrift.analysis.observables.chains",
+    "Cluster": "kickdrift.analysis.clusters.cluster",
+    "ClusterReport": "kickdrift.analysis.clusters.report",
     "Crystal": "kickdrift.analysis.crystals.potential",
     "Dielectric": "kickdrift.analysis.observables.dielectric",
     "Diffusion": "kickdrift.analysis.observables.motion",
@@ -48,9 +54,13 @@ _HOMES = {
     "SamplingRow": "kickdrift.analysis.compare.sampling",
     "Section": "kickdrift.analysis.orbits.section",
     "Spectrum": "kickdrift.statistics.quasi_periodic",
+    "binaries": "kickdrift.analysis.clusters.binaries",
     "block_average": "kickdrift.statistics.blocks",
     "chain_diffusion": "kickdrift.analysis.observables.chains",
     "chain_statistics": "kickdrift.analysis.observables.chains",
+    "cluster": "kickdrift.analysis.clusters.cluster",
+    "cluster_columns": "kickdrift.analysis.clusters.report",
+    "cluster_report": "kickdrift.analysis.clusters.report",
     "compare_engines": "kickdrift.analysis.compare.engine_forces",
     "dielectric_constant": "kickdrift.analysis.observables.dielectric",
     "elastic_constants": "kickdrift.analysis.crystals.elastic",
@@ -73,7 +83,10 @@ _HOMES = {
 }
 
 __all__ = [
+    "Binary",
     "ChainStatistics",
+    "Cluster",
+    "ClusterReport",
     "Crystal",
     "Dielectric",
     "Diffusion",
@@ -90,9 +103,13 @@ __all__ = [
     "SamplingRow",
     "Section",
     "Spectrum",
+    "binaries",
     "block_average",
     "chain_diffusion",
     "chain_statistics",
+    "cluster",
+    "cluster_columns",
+    "cluster_report",
     "compare_engines",
     "dielectric_constant",
     "elastic_constants",

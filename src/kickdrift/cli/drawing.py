@@ -27,6 +27,7 @@ class Figures(StrEnum):
 
     orbits = "orbits"
     energies = "energies"
+    cluster = "cluster"
     rdf = "rdf"
     msd = "msd"
     vacf = "vacf"

@@ -21,7 +21,7 @@ from kickdrift.cli.drawing import movie, page, plot, view
 from kickdrift.cli.ensemble import ensemble
 from kickdrift.cli.files import cite, doctor, export, info, list_, new, schema, show
 from kickdrift.cli.help import Command, Group
-from kickdrift.cli.measuring import analyze, certify, chaos, compare, compare_engines, transits
+from kickdrift.cli.measuring import analyze, certify, chaos, cluster, compare, compare_engines, transits
 from kickdrift.cli.options import option
 from kickdrift.cli.running import relax, resume, run
 from kickdrift.cli.watching import INTERRUPTED, Interrupted
@@ -83,8 +83,8 @@ def telling(command: Callable[..., None]) -> Callable[..., None]:
 
 
 COMMANDS = (  # in the order of --help
-    new, run, resume, relax, ensemble, compare, compare_engines, chaos, transits, certify, analyze, plot, view, page,
-    movie, export, info, show, schema, cite, validate, doctor,
+    new, run, resume, relax, ensemble, compare, compare_engines, chaos, transits, certify, analyze, cluster, plot, view,
+    page, movie, export, info, show, schema, cite, validate, doctor,
 )  # fmt: skip
 
 app = typer.Typer(

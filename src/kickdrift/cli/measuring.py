@@ -334,9 +334,46 @@ def analyze(
     with busy(f"analysing {run}", quiet):
         found = orbit_report(run, str(frame), str(plane), order, until)
     show_found(found, json_file, overwrite)
-    if plot is not None:
-        from kickdrift.plots.drawing import checked_target, save_figure
+    _draw_found(found, plot, overwrite, quiet)
 
-        with busy(f"drawing {plot}", quiet):
-            drawn = save_figure(found.plot(), checked_target(plot, overwrite))
-        out(str(drawn))
+
+def _draw_found(found: Any, plot: Path | None, overwrite: bool, quiet: bool) -> None:
+    """Draw a report, if a file is given, and print the file's name."""
+    if plot is None:
+        return
+    from kickdrift.plots.drawing import checked_target, save_figure
+
+    with busy(f"drawing {plot}", quiet):
+        drawn = save_figure(found.plot(), checked_target(plot, overwrite))
+    out(str(drawn))
+
+
+def cluster(
+    subject: Annotated[str, argument("RUN|SYSTEM", "A run's .h5md, or a system, of stars under gravity.")],
+    fraction: Annotated[
+        list[float] | None,
+        option("X", "Share of the bound mass for a Lagrangian radius; repeat for several (default: 0.01 to 0.9)."),
+    ] = None,
+    neighbours: Annotated[int, option("N", "Neighbours of a star for its density.", min=3)] = 6,
+    coulomb: Annotated[float, option("X", "Factor of N in Coulomb's logarithm.")] = 0.11,
+    tidal_radius: Annotated[
+        float | None, option("R", "Tidal radius (default: by the system's fields); stars beyond twice R escape.")
+    ] = None,
+    plot: Annotated[Path | None, option("FILE.png", "Draw radii, core density and binaries against time.")] = None,
+    json_file: opt.Json = None,
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
+) -> None:
+    """Find a star cluster's Lagrangian radii, core radius and density, half-mass relaxation time, anisotropy, binaries
+    and escapers: over the frames of a run, or of a system's start."""
+    refuse_outputs({"json": json_file, "plot": plot}, overwrite, [subject])
+    from kickdrift.analysis.clusters.cluster import FRACTIONS
+    from kickdrift.analysis.clusters.report import cluster_report
+
+    source: Any = subject if opt.is_run(subject) else subject_of(subject)
+    with busy(f"analysing {subject}", quiet):
+        found = cluster_report(
+            source, fraction or FRACTIONS, neighbours=neighbours, coulomb=coulomb, tidal_radius=tidal_radius
+        )
+    show_found(found, json_file, overwrite)
+    _draw_found(found, plot, overwrite, quiet)

@@ -141,6 +141,13 @@ def is_archive(path: str | os.PathLike[str]) -> bool:
     return found
 
 
+def may_be_snapshot(path: str | os.PathLike[str]) -> bool:
+    """Tell whether a file is in HDF5 or begins as NEMO's do, in either order of bytes."""
+    with opened(path) as file:
+        head = file.read(len(_HDF5))
+    return head == _HDF5 or head[:2] in (b"\x92\x09", b"\x09\x92", b"\x92\x0b", b"\x0b\x92")
+
+
 def is_ours(path: str | os.PathLike[str], kind: Kind) -> bool:
     """Tell whether kickdrift could have written this regular file. An empty file has nothing to lose."""
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from difflib import get_close_matches
 
 from kickdrift.errors import InputError
+from kickdrift.integrators.block_leapfrog import method as block_leapfrog
 from kickdrift.integrators.event_driven import method as event_driven
 from kickdrift.integrators.exact import method as exact
 from kickdrift.integrators.gauss_radau import method as gauss_radau
@@ -35,6 +36,7 @@ INTEGRATORS: dict[str, Method] = {
         *exact.ROWS,
         *stormer.STEP_DENSITY,
         *hermite.ROWS,
+        *block_leapfrog.ROWS,
         *wisdom_holman.ROWS,
         *trace.ROWS,
         *sei.ROWS,

@@ -268,7 +268,7 @@ INNER = Option(
     ("gauss-radau15", "bulirsch-stoer"),
 )  # fmt: skip
 ETA = Option(  # default as in Makino & Aarseth 1992 and most later work
-    "eta", float, "Accuracy of the steps; the energy error is as its square.", 0.02, above=0.0, most=1.0, written=False
+    "eta", float, "Accuracy of the steps: smaller values take shorter steps.", 0.02, above=0.0, most=1.0, written=False
 )
 SCHEME = Option("scheme", str, "One step for all bodies, or one for each.", "shared", ("shared", "block"))
 PLAIN, REGULARISED = "plain", "regularised"

@@ -222,6 +222,38 @@ class Bridged:
         return bridge("openmm", "System.to_openmm").parts_of(self)
 
     @classmethod
+    def from_snapshot(
+        cls,
+        path: Any,
+        units: str | UnitSystem | None = None,
+        scale: Mapping[str, str] | None = None,
+        forces: Iterable[Any] | None = None,
+        snapshot: int | None = None,
+    ) -> Any:
+        """System of a snapshot of AMUSE (HDF5), NEMO, or GADGET and its family (HDF5: Arepo, SWIFT), at its time.
+
+        Files with units become ``astro``; NEMO's, and AMUSE's in N-body units, are plain numbers with G = 1, ``nbody``.
+        GADGET's PartType1 to PartType5 become the species halo, disk, bulge, stars and boundary. A UserWarning tells
+        of gas that was left out.
+
+        Parameters
+        ----------
+        path : file of the snapshot
+        units : of the System: astro, si, or nbody for plain numbers
+        scale : units of a file that does not say them, such as
+            ``{"length": "1 kpc", "mass": "1e10 Msun", "velocity": "1 km/s"}``; time in place of velocity may do
+        forces : iterable of forces; default `Gravity`, above 20,000 stars `GravityTree`
+        snapshot : number of one in a file of AMUSE or NEMO, from 0 or negative from the end; default the last
+
+        Raises
+        ------
+        InputError
+            For a snapshot without masses, or without units that are not given; for comoving coordinates, one of several
+            files, and other or damaged files.
+        """
+        return bridge("h5py", "System.from_snapshot").system_of(path, units, scale, forces, snapshot)
+
+    @classmethod
     def from_rebound(cls, sim: Any, forces: Iterable[Any] | None = None) -> Any:
         """System of a ``rebound.Simulation`` at its time: bodies, masses, radii, names, G, softening, to the bit.
 

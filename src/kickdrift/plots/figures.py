@@ -10,6 +10,7 @@ from pathlib import Path
 from kickdrift.errors import InputError
 from kickdrift.integrators.asked import Integrator
 from kickdrift.plots import observables
+from kickdrift.plots.clusters import run_cluster_figure
 from kickdrift.plots.drawing import Figure
 from kickdrift.plots.orbits import orbits_figure, orbits_in
 from kickdrift.plots.runs import column_figure, run_figure, write_figure
@@ -20,6 +21,7 @@ from kickdrift.trajectory.read import reader
 KINDS: dict[str, Callable[[reader.Run], Figure]] = {
     "orbits": orbits_figure,
     "energies": run_figure,
+    "cluster": run_cluster_figure,
     **{kind: partial(observables.observable_figure, kind=kind) for kind in observables.KINDS},
 }
 

@@ -12,7 +12,7 @@ from warnings import warn
 import numpy as np
 
 from kickdrift.disk.foreign import is_lammps_input
-from kickdrift.disk.kinds import is_archive
+from kickdrift.disk.kinds import is_archive, may_be_snapshot
 from kickdrift.disk.packed import is_packed, unpacked
 from kickdrift.errors import InputError
 from kickdrift.forces import FORCES
@@ -69,7 +69,8 @@ def load(
 
     Files of atoms such as .xyz, .extxyz, .pdb and .cif are read through ASE, in metal units and without forces, also
     packed by gzip or bzip2 (.extxyz.gz). Inputs of LAMMPS are read through LAMMPS, as by ``System.from_lammps``.
-    Simulationarchives of rebound are read through rebound, as by ``System.from_rebound``. Files of force fields are
+    Simulationarchives of rebound are read through rebound, as by ``System.from_rebound``. Snapshots of AMUSE, NEMO and
+    GADGET are read as by ``System.from_snapshot``. Files of force fields are
     read through OpenMM, as by ``System.from_openmm``: ``.prmtop`` of AMBER, ``.top`` of GROMACS and ``.psf`` of CHARMM
     with ``coordinates``, and ``.pdb`` or ``.cif`` with ``force_field``.
 
@@ -80,7 +81,7 @@ def load(
     seed : replaces the file's ``velocities.seed``
     overlaps : whether particles may overlap, for ``Simulation.minimize``, which moves them apart
         Only system files are checked; particles of other files may always overlap.
-    snapshot : of an archive of rebound, from 0; negative from the end; default the last one
+    snapshot : of an archive of rebound or a file of AMUSE or NEMO, from 0; negative from the end; default the last
     coordinates : file of the coordinates, such as .inpcrd, .rst7, .gro, .crd or .pdb
     force_field : files of the force field: OpenMM's XML for a structure, such as ("amber14-all.xml", "tip3p.xml"),
         CHARMM's parameters for .psf, or the folder of GROMACS' force fields for .top
@@ -110,8 +111,13 @@ def load(
             _note_unused_seed()
         found: System = bridge("rebound", f"{path}: an archive of rebound").archived_system(path, snapshot)
         return found
+    if may_be_snapshot(path) and (bridged := bridge("h5py", f"{path}: a snapshot")).is_snapshot(path):
+        if seed is not None:
+            _note_unused_seed()
+        stored: System = bridged.system_of(path, snapshot=snapshot)
+        return stored
     if snapshot is not None:
-        raise InputError(f"snapshot: is for archives of rebound, and {path} is none")
+        raise InputError(f"snapshot: is for archives of rebound and snapshots, and {path} is none")
     if path.suffix.lower() in STRUCTURES:
         if seed is not None:
             _note_unused_seed()

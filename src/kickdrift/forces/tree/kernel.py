@@ -106,9 +106,9 @@ BUFFER = 256  # nodes, or clusters, between two sums of their attraction
 
 
 @as_written
-def walk(force, potential, group):
-    """Find the nodes and particles that attract a group, and sum their attraction."""
-    first, last = force.span[group, 0], force.span[group, 1]
+def walk(force, potential, first, last):
+    """Find the nodes and particles that attract the clusters from ``first`` to before ``last``, and sum their
+    attraction."""
     zero = splat(0.0)
     for s in range(WIDTH * first, WIDTH * last, WIDTH):
         store3(force.a, s, force.gm.size, thrice(zero))
@@ -236,6 +236,7 @@ class TreeKernel(NamedTuple):
     counts: NDArray[np.int64]  # numbers of tasks and groups
     cut: NDArray[np.float64]  # the cut of a large node: see `cut`
     shares: NDArray[np.float64]  # (CHUNKS, SHARE_COLUMNS) what each chunk finds there
+    wanted: NDArray[np.bool_]  # (n,) by id, whose accelerations are wanted; (0,) for all
     looks: NDArray[np.int64]  # (4,) what is known of samples; see `forces.seam.samples`
     chunks: Chunks
 
@@ -263,6 +264,7 @@ def bind(gm_by_id: Floats, masses: Floats, softening: float, accuracy: float, th
         counts=np.zeros(2, np.int64),
         cut=np.zeros(5),
         shares=aligned((CHUNKS, SHARE_COLUMNS)),
+        wanted=np.zeros(0, np.bool_),
         looks=no_looks(),
         chunks=in_chunks(CHUNKS, threads),
     )
@@ -363,4 +365,28 @@ def walk_some(force, potential, c):
     block = 1 + count // (8 * CHUNKS)
     for begin in range(c * block, count, CHUNKS * block):
         for g in range(begin, min(begin + block, count)):
-            walk(force, potential, force.groups[g])
+            first, last = wanted_clusters(force, force.groups[g])
+            if first < last:
+                walk(force, potential, first, last)
+
+
+@jit
+def wanted_clusters(force, group):
+    """Return the first cluster of a group with a particle that is wanted, and the last one plus 1."""
+    first, last = force.span[group, 0], force.span[group, 1]
+    if force.wanted.size == 0:
+        return first, last
+    while first < last and not is_wanted(force, first):
+        first += 1
+    while first < last and not is_wanted(force, last - 1):
+        last -= 1
+    return first, last
+
+
+@jit
+def is_wanted(force, cluster):
+    """Tell whether the acceleration of a particle in a cluster is wanted."""
+    for s in range(WIDTH * cluster, min(WIDTH * cluster + WIDTH, force.rows.shape[0])):
+        if force.wanted[int(force.rows[s, 3])]:
+            return True
+    return False
