@@ -82,6 +82,17 @@ def never_inline(typingctx):
     return types.void(), codegen
 
 
+@intrinsic
+def plain(typingctx, number):
+    """Return a whole number. numba compiles a function again for each constant that a call has as an argument, and for
+    a constant that a loop changes later; of this it knows only the type."""
+
+    def codegen(context, builder, sig, args):
+        return args[0]
+
+    return types.intp(types.intp), codegen
+
+
 class _Driver(CPUDispatcher):
     """Compiled function that Python calls."""
 

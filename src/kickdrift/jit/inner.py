@@ -9,7 +9,8 @@ from collections.abc import Callable
 from functools import update_wrapper
 from typing import Any
 
-from numba import extending
+from llvmlite.binding import Linkage
+from numba import extending, jit
 
 from kickdrift.jit import numba_front as numba_front  # shorter work for the same code
 from kickdrift.jit.numba_private import (
@@ -18,10 +19,12 @@ from kickdrift.jit.numba_private import (
     DefaultPassBuilder,
     JITCodeLibrary,
     NativeLowering,
+    OverloadTemplate,
     PassManager,
     canonicalize_cfg,
     make_function,
     new_error_context,
+    pass_registry,
     register_pass,
 )
 
@@ -32,11 +35,21 @@ class _InnerLibrary(JITCodeLibrary):
     """Lowered LLVM code, for linking into other libraries."""
 
     function: Callable[..., Any]  # the source of this code
+    _linkable = False
 
     def _optimize_final_module(self) -> None: ...
 
     def _finalize_final_module(self) -> None:
         self._finalized = True
+
+    def _get_module_for_linking(self) -> Any:
+        """The module itself, where numba changes the linkage in a copy, because nothing else uses this module."""
+        if not self._linkable:
+            for function in self._final_module.functions:
+                if not function.is_declaration and function.linkage == Linkage.external:
+                    function.linkage = "linkonce_odr"
+            self._linkable = True
+        return self._final_module
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -65,7 +78,8 @@ class _Passes(PassManager):
             each.run_initialization(state)
             each.run_pass(state)
             each.run_finalizer(state)
-        state.func_ir.blocks = canonicalize_cfg(state.func_ir.blocks)
+        if pass_registry.get(type(each)).mutates_CFG:
+            state.func_ir.blocks = canonicalize_cfg(state.func_ir.blocks)
 
 
 class InnerCompiler(CompilerBase):
@@ -111,6 +125,21 @@ def functions_in(library: Any) -> list[Callable[..., Any]]:
 def inner(**options: Any) -> Callable[[Callable[..., Any]], Inner]:
     """Decorator like ``numba.njit`` with these options."""
     return lambda function: Inner(function, targetoptions=OPTIONS | options)
+
+
+_jit_decorator = OverloadTemplate._get_jit_decorator
+
+
+def _inner_for_numba(template: Any) -> Any:
+    """Decorator for the code of an overload. That of numba's own, such as ``np.zeros``, stays in its lowered form too:
+    numba made machine code of each, and two wrappers, for every type of arguments."""
+    jitter = _jit_decorator(template)
+    if jitter is not jit or not (template._overload_func.__module__ or "").startswith("numba."):
+        return jitter
+    return lambda **options: jit(**{"pipeline_class": InnerCompiler} | options)
+
+
+OverloadTemplate._get_jit_decorator = _inner_for_numba
 
 
 def overload(function: Callable[..., Any], forceinline: bool = False, **options: Any) -> Callable[..., Any]:

@@ -32,7 +32,7 @@ from kickdrift.forces.lists.clusters import (
     unsigned,
 )
 from kickdrift.forces.lists.pair_rows import copy_to_single
-from kickdrift.jit.compile import jit, never_inline, strict
+from kickdrift.jit.compile import jit, never_inline, plain, strict
 from kickdrift.jit.lanes.functions import lane_max, lane_numbers, lane_sum, splat
 from kickdrift.jit.lanes.gathering import lane_round
 from kickdrift.jit.lanes.masks import select
@@ -233,7 +233,8 @@ def changed_since(pairs, which):
 def largest_own_move(pairs, reference, which):
     """Return the largest squared displacement from the reference beside the scaling of the box, and a sum that is
     finite if all are finite. Padding lanes, which do not scale, are left out."""
-    a, b, c, zy, zx, yx = factor(pairs, which, 0), factor(pairs, which, 1), factor(pairs, which, 2), 0.0, 0.0, 0.0
+    zy, zx, yx = 0.0, 0.0, 0.0
+    a, b, c = factor(pairs, which, plain(0)), factor(pairs, which, plain(1)), factor(pairs, which, plain(2))
     shears = pairs.live.size > LENGTHS
     if shears:
         a, b, c, zy, zx, yx = deformation(pairs, which)

@@ -35,7 +35,7 @@ from kickdrift.forces.lists.row_lanes import Tiles
 from kickdrift.forces.lists.sort import sort
 from kickdrift.forces.lists.special_pairs import place_special
 from kickdrift.forces.seam.kernel import BLOWN_UP, GROW, OK
-from kickdrift.jit.compile import is_finite, jit, never_inline
+from kickdrift.jit.compile import is_finite, jit, never_inline, plain
 from kickdrift.jit.handle import handle
 from kickdrift.jit.inner import by_type
 from kickdrift.jit.lanes.memory import flat
@@ -51,7 +51,7 @@ def search(pairs, chunks):
         needed = max(needed, made)
     pairs.counts[ROOM_NEEDED] = needed
     pairs.counts[OUTER_BUILDS] += 1
-    keep_lengths(pairs, SEARCHED)
+    keep_lengths(pairs, plain(SEARCHED))
 
 
 @chunk_task
@@ -63,7 +63,7 @@ def search_chunk(pairs, c):
     for cluster in range(touched.size):
         touched[cluster] = False
     begin, end = chunk_clusters(pairs, c)
-    made = 0
+    made = plain(0)
     for cluster in range(begin, end):
         touched[cluster] = True
         span[cluster, 0] = min(made, near.size)
@@ -223,7 +223,7 @@ def outlasts(pairs, chunks):
 
     Return OK if all pairs within the cutoff are then in the inner list, OUTWORN if the lists must be made anew, or
     BLOWN_UP."""
-    inner, total = move_since(pairs, pairs.inner_reference, PRUNED)
+    inner, total = move_since(pairs, pairs.inner_reference, plain(PRUNED))
     jumped = (
         inner > (pairs.cutoff + 0.5 * pairs.inner_skin) ** 2
     )  # a particle has passed the whole range of the force since the last call
@@ -231,13 +231,13 @@ def outlasts(pairs, chunks):
         return BLOWN_UP
     outer_skin = outer_skin_now(pairs)
     inner_skin = min(pairs.inner_skin, outer_skin)
-    room = inner_skin - (1.0 - least_factor(pairs, PRUNED)) * (pairs.cutoff + inner_skin)
+    room = inner_skin - (1.0 - least_factor(pairs, plain(PRUNED))) * (pairs.cutoff + inner_skin)
     if room >= 0.0 and 4.0 * inner <= room**2:
         return OK
     each_chunk(pairs, chunks, "outer_move_chunk")
-    outer, total = move_since(pairs, pairs.outer_reference, SEARCHED)
+    outer, total = move_since(pairs, pairs.outer_reference, plain(SEARCHED))
     room = outer_skin - inner_skin
-    room -= (1.0 - least_factor(pairs, SEARCHED)) * (pairs.cutoff + outer_skin)
+    room -= (1.0 - least_factor(pairs, plain(SEARCHED))) * (pairs.cutoff + outer_skin)
     if room >= 0.0 and 4.0 * outer <= room**2:
         prune(pairs, chunks)
         return OK
@@ -251,7 +251,7 @@ def prune(pairs, chunks):
         each_chunk(pairs, chunks, "single_chunk")
     each_chunk(pairs, chunks, "prune_chunk")
     pairs.counts[PRUNES] += 1
-    keep_lengths(pairs, PRUNED)
+    keep_lengths(pairs, plain(PRUNED))
 
 
 @chunk_task
