@@ -247,6 +247,7 @@ def test_same_energies_forces_pressure_and_steps(k):
     assert theirs.energy().total == pytest.approx(ours.energy().total, rel=ROUND_OFF)
 
 
+@pytest.mark.long
 def test_lammps_has_the_switch_by_tables_to_the_error_that_it_states():
     species = {"species": ["A", "B", "C"] * 72}
     force = kd.LennardJones(cutoff=2.2, truncation="switch", species=SPECIES)

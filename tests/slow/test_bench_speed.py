@@ -111,6 +111,7 @@ def test_what_is_not_installed_is_a_line_each(command, monkeypatch, tmp_path):
     assert [len(group["rows"]) for group in found["groups"]] == [2, 1]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(find_spec("heyoka") is None, reason="heyoka is not installed: pip install 'kickdrift[heyoka]'")
 def test_heyoka():
     start = bodies.planets()

@@ -444,6 +444,7 @@ def test_a_journal_that_is_none(system, client, tmp_path):
     assert RunError.exit_status == 1
 
 
+@pytest.mark.long
 def test_a_notebook_shows_a_table_with_the_energy_errors(tmp_path):
     pd = pytest.importorskip("pandas")
     made = table.frame(
