@@ -412,7 +412,7 @@ FORMULAS = (  # of OpenMM's readers of psf and of top
 @pytest.mark.parametrize("rest", [0.0, np.pi])
 @pytest.mark.parametrize("formula", FORMULAS)
 def test_harmonic_impropers_are_those_of_openmm(formula, rest):
-    theirs, x = four(formula, at)
+    theirs, x = four(formula, rest)
     ours = kd.System.from_openmm(theirs, None, x)
     (expected,) = energies_of(context_of(theirs, x), theirs).values()
     assert BoundForces(ours).measure(0.0, ours.state.phase).potential == pytest.approx(expected, rel=1e-6)
