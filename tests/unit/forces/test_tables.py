@@ -15,6 +15,7 @@ from kickdrift.engines.lammps_world import lammps_class
 from kickdrift.errors import InputError
 from kickdrift.forces.pairs.terms import force_over_r
 from kickdrift.systemfile.reading import loads
+from tests.long import rest
 from tests.systems import liquid
 
 DEGREE = math.pi / 180.0
@@ -75,6 +76,7 @@ def test_a_law_becomes_a_table_with_its_mixture_and_its_ends():
     )
 
 
+@pytest.mark.long
 def test_a_table_goes_with_pickle_a_file_and_a_run_that_goes_on(tmp_path):
     (tmp_path / "lj.table").write_text(section(R, *lennard_jones(R)), encoding="utf-8")
     text = "[[force]]\ntype = 'tabulated'\nfile = 'lj.table'\ntruncation = 'force-shift'\n"
@@ -383,7 +385,7 @@ def test_no_parameter_of_a_table_has_a_derivative():
         PairPush(kd.Tabulated(table=rows()), "rows", liquid(64), 0, 1.0)
 
 
-@pytest.mark.parametrize(("engine", "near"), [("lammps", 1e-11), ("openmm", 3e-8)])
+@pytest.mark.parametrize(("engine", "near"), [rest("lammps", 1e-11), ("openmm", 3e-8)])
 def test_engines_take_tables(engine, near):
     law = kd.LennardJones(cutoff=2.4, truncation="force-shift", species={"A": {}, "B": {"epsilon": 0.5, "sigma": 0.88}})
     start = liquid(216)

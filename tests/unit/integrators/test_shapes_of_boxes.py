@@ -112,11 +112,11 @@ def expected(stress: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(
     ("barostat", "name", "stressed"),
     [
-        ("c-rescale", "csvr", True),
+        rest("c-rescale", "csvr", True),
         rest("c-rescale", "baoab", False),
-        ("mtk", "nose-hoover", True),
+        rest("mtk", "nose-hoover", True),
         rest("mtk", "nose-hoover", False),
-        ("mtk in turns", "nose-hoover", True),
+        rest("mtk in turns", "nose-hoover", True),
         ("monte-carlo", "csvr", True),
         rest("monte-carlo", "baoab", False),
     ],
