@@ -92,15 +92,13 @@ def step_forces(sim: kd.Simulation) -> np.ndarray:
 
 
 # The simulator takes minutes for what a device does at once: these cases run with the long tests.
-SIMULATED_LONG = (
-    "strip rectangle open cuda-44 cuda-45 cuda-46 cuda-47 andersen csvr nose-hoover restarts[double] 1-double"
-)
+SIMULATED_LONG = "strip or rectangle or open or cuda-44 or cuda-45 or cuda-46 or cuda-47 or andersen or csvr or hoover"
 ALL_OF_CUDA = "cuda and not on_a_simulated_device and not load_the_engine"
 
 
 @pytest.mark.parametrize(
     "chosen",
-    [f"{ALL_OF_CUDA} and not ({' or '.join(SIMULATED_LONG.split())})", rest(ALL_OF_CUDA)],
+    [f"{ALL_OF_CUDA} and not ({SIMULATED_LONG} or 4-mixed or (restarts and mixed))", rest(ALL_OF_CUDA)],
     ids=["of each kind", "all"],
 )
 def test_on_a_simulated_device(chosen):
