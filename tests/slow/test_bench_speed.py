@@ -193,6 +193,7 @@ def test_turns_alternate():
     assert turns.ratio_of(found[:, 0], found[:, 1]).median == 2.0
 
 
+@pytest.mark.long
 def test_start_up_is_timed_in_a_process():
     entry = groups.Command("help", "kickdrift --help", ("--help",), 60.0)
     found = speed.measure([entry], 2, 0.01)

@@ -242,7 +242,9 @@ def test_slopes_by_masses_and_parameters_of_all_forces():
         kd.transition_matrix(system(), 2.0, parameters="j2.pole")
 
 
-@pytest.mark.parametrize(("law", "error"), [(WholeArrays, 1e-13), rest(WholeColumns, 1e-13), rest(Accumulated, 1e-8)])
+@pytest.mark.parametrize(
+    ("law", "error"), [rest(WholeArrays, 1e-13), rest(WholeColumns, 1e-13), rest(Accumulated, 1e-8)]
+)
 def test_a_law_of_whole_arrays_has_exact_slopes_or_says_that_it_has_none(law, error):
     system = kd.System([[0.3, -0.2, 0.9], [1.0, 0.0, 0.0]], forces=[law(k=1.0)], units="nbody")
     found = kd.transition_matrix(system, 1.7, "gauss-radau15")

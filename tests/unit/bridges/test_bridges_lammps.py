@@ -197,6 +197,7 @@ def test_lennard_jones_that_gromacs_switches(tmp_path):
     agree(system, there)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", ["ewald 1e-11"])
 def test_charges_agree_with_lammps(solver, tmp_path):
     path = written(tmp_path, SALT.format(solver=solver))

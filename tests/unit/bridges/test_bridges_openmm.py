@@ -751,6 +751,7 @@ def test_a_system_file_has_a_force_field(files, kickdrift):
     assert (status, err) == (0, "")
 
 
+@pytest.mark.long
 def test_other_units_and_sites_go_to_openmm(water):
     topology, x = with_sites(*water, "tip4pew.xml")
     theirs = built(topology, "tip4pew.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6, rigidWater=True)

@@ -372,7 +372,7 @@ FULL = [
 
 
 @given(st.sampled_from(FULL), st.integers(0, 2), JUNK)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_junk_makes_a_force_or_one_line(full, which, junk):
     cls, parameters = full
     parameters = {**parameters, list(parameters)[which % len(parameters)]: junk}

@@ -36,7 +36,7 @@ def mixture(force: kd.LennardJones, names: str, n: int = 216) -> kd.System:
     )
 
 
-@pytest.mark.parametrize(("given", "names"), [(KOB_ANDERSEN, "AB"), (APART, "ABC"), rest(APART, "ABCDE")])
+@pytest.mark.parametrize(("given", "names"), [(KOB_ANDERSEN, "AB"), rest(APART, "ABC"), rest(APART, "ABCDE")])
 def test_pairs_of_species_end_where_they_say(given, names):
     """Two and three species have their numbers in registers, five do not."""
     more = {name: {"sigma": 0.8, "truncation": "switch"} for name in names[3:]}

@@ -55,6 +55,7 @@ def test_a_table_of_lennard_jones_is_exact_to_a_billionth(columns):
     np.testing.assert_allclose(compiled, found[:, 1], rtol=1e-13, atol=1e-13)
 
 
+@pytest.mark.long
 def test_a_law_becomes_a_table_with_its_mixture_and_its_ends():
     law = kd.LennardJones(
         cutoff=2.5, truncation="shift", species={"A": {}, "B": {"epsilon": 0.5, "sigma": 0.88, "cutoff": 2.2}}

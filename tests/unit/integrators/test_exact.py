@@ -106,7 +106,7 @@ def test_another_process_comes_back_from_the_end_alone(tmp_path):
 
 
 def after(pieces: list[int], skin: float | None = None) -> Lattice:
-    sim = kd.Simulation(fluid(mixture=True), "leapfrog-exact", dt=0.004)
+    sim = kd.Simulation(fluid(truncation="switch", mixture=True), "leapfrog-exact", dt=0.004)
     if skin is not None:
         particles = sim.integration.stepper._particles
         sim.integration.stepper._particles = particles._replace(skin=skin, radius=2.0 + skin)
@@ -143,7 +143,7 @@ def test_list_with_cells_finds_every_pair(monkeypatch):
 
 
 def test_momentum_does_not_change_at_all():
-    sim = kd.Simulation(fluid(mixture=True), "leapfrog-exact", dt=0.004)
+    sim = kd.Simulation(fluid(truncation="switch", mixture=True), "leapfrog-exact", dt=0.004)
     before = sim.method_state.momenta.sum(axis=1)
     sim.run(2000, every=2000)
     np.testing.assert_array_equal(sim.method_state.momenta.sum(axis=1), before)
