@@ -226,7 +226,13 @@ def test_every_engine_has_a_case_and_nothing_else():
     assert kd.engines() == ["native", *ALL]
 
 
-@pytest.mark.parametrize("k", [marked(CASES[k][0], k, f"{CASES[k][0]}-{k}") for k in range(len(CASES))])
+FURTHER = (27, 30)  # with code of their own: two processes again, and a pair law
+MARKED = [marked(engine, k, f"{engine}-{k}") for k, (engine, *_) in enumerate(CASES)]
+
+
+@pytest.mark.parametrize(
+    "k", [pytest.param(k, marks=pytest.mark.long) if k in FURTHER else MARKED[k] for k in range(len(CASES))]
+)
 def test_same_energies_forces_pressure_and_steps(k):
     engine, make, options = CASES[k]
     system = make()

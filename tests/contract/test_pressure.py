@@ -93,7 +93,7 @@ EACH_KIND += ["mie", "coulomb", "restraint", "python", "ase", "lammps", "listed-
 EACH_KIND += ["tabulated-bond", "formula-pair", "formula-bond"]
 # The short set has each kind of loop in one of the tests below; the laws are compared in tests of their own.
 EDGES = ["lennard-jones", "eam", "harmonic-bond", "springs", "restraint", "python"]
-SHAPES = ["lennard-jones", "coulomb", "stillinger-weber", "harmonic-angle", "opls-dihedral", "ase"]
+SHAPES = ["lennard-jones", "coulomb", "stillinger-weber", "harmonic-angle", "ase"]
 RUNS = ["lennard-jones", "harmonic-bond", "python"]
 
 

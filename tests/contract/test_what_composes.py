@@ -24,7 +24,7 @@ from tests.folders import TOP
 from tests.long import shortened
 
 NAMES = forces()
-SHORT = ["lennard-jones", "eam", "harmonic-bond", "gravity", "harmonic-trap", "j2"]  # pairs, many bodies, bonds, fields
+SHORT = ["lennard-jones", "harmonic-bond", "gravity", "harmonic-trap", "j2"]  # pairs, bonds, fields
 
 
 @pytest.mark.long

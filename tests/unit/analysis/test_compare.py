@@ -108,6 +108,7 @@ def test_the_energy_is_compared_where_chaos_forbids_positions():
     assert all(row.growth.verdict for row in found.rows if row.error)
 
 
+@pytest.mark.long
 def test_without_an_energy_chaos_shortens_the_pilot():
     found = work_precision(lorenz(), ["dop853"], 60.0, budget=4.0)
     assert found.measure == "reference"

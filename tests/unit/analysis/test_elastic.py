@@ -71,6 +71,7 @@ def test_what_has_no_elastic_constants_is_refused(make, message):
         kd.analysis.elastic_constants(*make())
 
 
+@pytest.mark.long
 def test_the_command_measures_a_relaxed_crystal(kickdrift, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     silicon = crystal(kd.StillingerWeber(), "diamond", 8, 5.431, masses=28.0855, units="metal", species=["Si"] * 64)

@@ -42,6 +42,7 @@ def test_columns_are_slopes_of_runs(name, dt):
         np.testing.assert_allclose(found.by_masses[:, body], wanted, rtol=0, atol=1e-9 * size)
 
 
+@pytest.mark.long
 def test_columns_by_masses_and_parameters_may_grow():
     def system(mass=1.0):
         x, v = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
@@ -138,6 +139,7 @@ def test_a_tangent_map_takes_masses_and_parameters_of_other_forces():
         np.testing.assert_allclose(found.by_masses[:, body], wanted, rtol=0, atol=1e-8 * np.abs(wanted).max())
 
 
+@pytest.mark.long
 def test_deviations_follow_epicycles():
     def end(by):
         sim = kd.Simulation(sheet(by), "sei", 0.02)

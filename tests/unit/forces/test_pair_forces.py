@@ -384,7 +384,9 @@ def test_a_species_with_one_particle():
         assert_right(System(x, box=box, forces=[force], species=species))
 
 
-@pytest.mark.parametrize("count", [2, rest(4), rest(5)])  # whose parameters lie in one register, in two, and in memory
+@pytest.mark.parametrize(
+    "count", [rest(2), rest(4), rest(5)]
+)  # whose parameters lie in one register, in two, and in memory
 def test_mixtures_of_any_number_of_species(count):
     rng = np.random.default_rng(count)
     x, box = fluid(rng, 300)
@@ -398,7 +400,7 @@ def test_mixtures_of_any_number_of_species(count):
     np.testing.assert_allclose(mixed.accelerations, exact.accelerations, atol=3e-6 * scale)
 
 
-@pytest.mark.parametrize("options", [{}, {"mixed": True}, {"threads": 2}], ids=["float64", "mixed", "threads"])
+@pytest.mark.parametrize("options", [{}, rest({"mixed": True}), {"threads": 2}], ids=["float64", "mixed", "threads"])
 def test_sums_are_taken_again_only_at_the_same_positions(options):
     system = make_system(*fluid(np.random.default_rng(1), 300))
     start = system.state.phase

@@ -107,6 +107,7 @@ def pulled(positions, velocities, time, box):
     return -positions * np.abs(positions), float((np.abs(positions) ** 3).sum() / 3.0)
 
 
+@pytest.mark.long
 def test_a_python_function_takes_central_differences():
     system = system_of(kd.PythonForce(pulled))
     deviations = np.random.default_rng(5).normal(size=(2, 3, N, 2))
