@@ -384,9 +384,8 @@ def test_a_species_with_one_particle():
         assert_right(System(x, box=box, forces=[force], species=species))
 
 
-@pytest.mark.parametrize(
-    "count", [rest(2), rest(4), rest(5)]
-)  # whose parameters lie in one register, in two, and in memory
+@pytest.mark.long
+@pytest.mark.parametrize("count", [2, 4, 5])  # whose parameters lie in one register, in two, and in memory
 def test_mixtures_of_any_number_of_species(count):
     rng = np.random.default_rng(count)
     x, box = fluid(rng, 300)
