@@ -59,7 +59,7 @@ def test_transforms_are_those_of_numpy(n):
         np.testing.assert_allclose(y[:, 0] + 1j * y[:, 1], exact, rtol=0, atol=2e-14 * n)
 
 
-@pytest.mark.parametrize("net", [0.0, 2.5])
+@pytest.mark.parametrize("net", [rest(0.0), 2.5])
 @BOXES
 def test_a_fine_mesh_gives_ewalds_sum(box, net):
     exact = measured(ions(box, net, accuracy=1e-12))
