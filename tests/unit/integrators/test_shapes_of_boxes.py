@@ -109,14 +109,20 @@ def expected(stress: np.ndarray, freedom: int) -> tuple[np.ndarray, np.ndarray]:
     return mean, np.sqrt(((weights[:, None] * (found - mean)) ** 2).sum(axis=0))
 
 
-EXACT = [("c-rescale", "csvr", True), ("mtk", "nose-hoover", True)]
-LONGER = [*EXACT, ("c-rescale", "baoab", False), ("mtk", "nose-hoover", False), ("mtk in turns", "nose-hoover", True)]
+EXACT = ("mtk", "nose-hoover", True)
+LONGER = [
+    EXACT,
+    ("c-rescale", "csvr", True),
+    ("c-rescale", "baoab", False),
+    ("mtk", "nose-hoover", False),
+    ("mtk in turns", "nose-hoover", True),
+]
 LONGER += [("monte-carlo", "csvr", True), ("monte-carlo", "baoab", False)]
 
 
 @pytest.mark.parametrize(
     ("barostat", "name", "stressed", "steps"),
-    [*((*each, 10_000) for each in EXACT), *(rest(*each, 40_000) for each in LONGER)],
+    [(*EXACT, 10_000), *(rest(*each, 40_000) for each in LONGER)],
 )
 def test_an_elastic_box_has_its_exact_distribution(barostat, name, stressed, steps):
     stress = STRESS if stressed else np.zeros((3, 3))
