@@ -144,7 +144,7 @@ def test_the_pressure_of_rigid_molecules_with_sites_is_that_of_the_centres():
 
 
 def test_sites_stand_at_their_places_without_freedom():
-    system = water(truncation="force-shift")
+    system = water()
     assert system.degrees_of_freedom == 6 * COUNT - 3
     sim = kd.Simulation(system, "baoab", dt=0.002, temperature=298.0, friction=5.0)
     report = sim.run(40, every=10)
@@ -156,7 +156,7 @@ def test_sites_stand_at_their_places_without_freedom():
 
 def test_twenty_steps_are_those_of_openmm():
     mm = pytest.importorskip("openmm")
-    start = water(truncation="force-shift")
+    start = water()
     sim = kd.Simulation(start, "velocity-verlet", dt=DT)
     sim.run(20, every=20)
     ours = sim.state.positions
@@ -272,7 +272,7 @@ def pressed(system: kd.System) -> kd.Simulation:
 
 
 def test_what_has_no_sites_refuses_them():
-    system = water(truncation="force-shift")
+    system = water()
     for call, words in (
         (lambda: kd.Simulation(system, "rk4", dt=DT), "keeps no constraints"),
         (lambda: kd.Simulation(water(rigid=False), "rk4", dt=DT), "keeps no virtual sites"),
