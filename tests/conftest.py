@@ -33,11 +33,12 @@ own_methods.register()  # before tests are collected, so that the contract tests
 # The longest files, which run first, so that no process waits for another at the end. The first file compiles every
 # loop. Meanwhile the next four and their child processes compile other code. Later files find all this code on disk.
 LONGEST = (
-    "test_same_bits", "test_wisdom_holman", "test_pair_forces", "test_mixed_precision", "test_compile_cache",
-    "test_docs", "test_compare", "test_ensemble", "test_batch", "test_engines", "test_integrators",
-    "test_gauss_radau", "test_events", "test_cli", "test_drift", "test_hermite", "test_tree", "test_gravity",
-    "test_simulation", "test_exact", "test_chaos", "test_relativity", "test_fields", "test_implicit",
-    "test_robustness", "test_contributing", "test_validate", "test_validation", "test_bench_speed", "test_readme",
+    "test_same_bits", "test_cuda", "test_wisdom_holman", "test_pair_forces", "test_charges", "test_compile_cache",
+    "test_pressure", "test_trace_derivatives", "test_engines", "test_cli", "test_bridges_openmm",
+    "test_bridges_lammps", "test_batch", "test_compare", "test_solve", "test_implicit", "test_virtual_sites",
+    "test_terminal", "test_robustness", "test_problem", "test_chaos", "test_field_laws", "test_resume", "test_export",
+    "test_exact", "test_mesh", "test_systems", "test_damage", "test_integrators", "test_forces", "test_events",
+    "test_ensemble", "test_docs", "test_readme", "test_validation",
 )  # fmt: skip
 
 

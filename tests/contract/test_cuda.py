@@ -23,6 +23,7 @@ import kickdrift as kd
 from kickdrift.analysis.certify.force_tests import Evaluator
 from kickdrift.model.starts.builders import lattice, maxwell_boltzmann
 from tests.folders import TOP
+from tests.long import rest
 from tests.oracle.forces import gravity_accelerations, pair_oracle
 from tests.simulated import SIMULATED, WITHOUT_DEVICE
 
@@ -90,8 +91,18 @@ def step_forces(sim: kd.Simulation) -> np.ndarray:
     return session.particles.in_order(session.particles.a)
 
 
-def test_on_a_simulated_device():
-    command = [sys.executable, "-m", "pytest", "-p", "tests.simulated", "-k", "cuda and not on_a_simulated_device"]
+# The simulator takes minutes for what a device does at once: these cases run with the long tests.
+SIMULATED_LONG = "strip or rectangle or open or cuda-44 or cuda-45 or cuda-46 or cuda-47 or andersen or csvr or hoover"
+ALL_OF_CUDA = "cuda and not on_a_simulated_device and not load_the_engine"
+
+
+@pytest.mark.parametrize(
+    "chosen",
+    [f"{ALL_OF_CUDA} and not ({SIMULATED_LONG} or 4-mixed or (restarts and mixed))", rest(ALL_OF_CUDA)],
+    ids=["of each kind", "all"],
+)
+def test_on_a_simulated_device(chosen):
+    command = [sys.executable, "-m", "pytest", "-p", "tests.simulated", "-k", chosen]
     files = [f"tests/contract/{name}.py" for name in ("test_cuda", "test_engines", "test_engines_in_a_plane")]
     if SIMULATED:
         pytest.skip("this is the simulated device")

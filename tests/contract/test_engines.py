@@ -226,7 +226,13 @@ def test_every_engine_has_a_case_and_nothing_else():
     assert kd.engines() == ["native", *ALL]
 
 
-@pytest.mark.parametrize("k", [marked(CASES[k][0], k, f"{CASES[k][0]}-{k}") for k in range(len(CASES))])
+FURTHER = (27, 30)  # with code of their own: two processes again, and a pair law
+MARKED = [marked(engine, k, f"{engine}-{k}") for k, (engine, *_) in enumerate(CASES)]
+
+
+@pytest.mark.parametrize(
+    "k", [pytest.param(k, marks=pytest.mark.long) if k in FURTHER else MARKED[k] for k in range(len(CASES))]
+)
 def test_same_energies_forces_pressure_and_steps(k):
     engine, make, options = CASES[k]
     system = make()
@@ -247,6 +253,7 @@ def test_same_energies_forces_pressure_and_steps(k):
     assert theirs.energy().total == pytest.approx(ours.energy().total, rel=ROUND_OFF)
 
 
+@pytest.mark.long
 def test_lammps_has_the_switch_by_tables_to_the_error_that_it_states():
     species = {"species": ["A", "B", "C"] * 72}
     force = kd.LennardJones(cutoff=2.2, truncation="switch", species=SPECIES)

@@ -119,6 +119,7 @@ def test_seeds_and_places_of_the_noise():
     assert all(1 <= each < 9e8 for each in seeds)
 
 
+@pytest.mark.long
 def test_two_processes_and_two_dimensions():
     sim = kd.Simulation(
         liquid(), "langevin", 0.004, engine="lammps", processes=2, temperature=1.5, friction=2.0, seed=1

@@ -87,6 +87,7 @@ def test_a_plane_runs_as_on_the_native_engine_or_is_refused(engine, name):
     assert not theirs.state.velocities[:, 2].any()
 
 
+@pytest.mark.long
 def test_lammps_in_two_processes_has_the_same_plane():
     ours, theirs = (kd.Simulation(plane("leaning", z=0.5), "velocity-verlet", DT, engine=e, processes=p)
                     for e, p in (("native", 1), ("lammps", 2)))  # fmt: skip

@@ -32,14 +32,8 @@ SHIPPED = {name: cls for name, cls in FORCES.items() if cls.__module__.startswit
 PAIR_LAWS = [name for name, cls in SHIPPED.items() if issubclass(cls, PairForce)]
 GRADIENTS = [name for name in force_gradients.others() if name in SHIPPED]
 BONDED = [name for name, cls in SHIPPED.items() if issubclass(cls, BondedForce)]
-OF_EACH_KIND = {"harmonic-bond", "harmonic-angle", "opls-dihedral", "harmonic-improper"}  # whose laws share one loop
-COMPILED_IN_SHORT = [
-    "lennard-jones",
-    "mie",
-    "soft-pair",
-    "weeks-chandler-andersen",
-    "tabulated",
-]  # powers, waves, choices
+OF_EACH_KIND = {"harmonic-bond", "harmonic-angle", "opls-dihedral"}  # whose laws share one loop
+COMPILED_IN_SHORT = ["lennard-jones", "soft-pair"]  # powers, waves
 CUTOFF = 2.5
 
 

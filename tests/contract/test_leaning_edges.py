@@ -23,8 +23,11 @@ VOLUME = 4.0 * 3.0 * 9.0  # of the leaning box below; its c x a is (0, 36, 2)
 
 
 def names(path: Path) -> set[str]:
-    """The names in a source, without its texts and comments."""
-    tokens = tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline)
+    """The names in a source that has one of the words, without its texts and comments."""
+    text = path.read_text(encoding="utf-8")
+    if not any(word in text for word in WORDS):
+        return set()
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
     return {token.string for token in tokens if token.type == tokenize.NAME}
 
 

@@ -22,7 +22,7 @@ NAMED = [name for name, method in INTEGRATORS.items() if method.name == name]
 CARRYING = [name for name in NAMED if (integrator(name).carries or has_map(integrator(name))) and name not in SHEET]
 SMOOTH = [name for name in CARRYING if not integrator(name).chooses_steps or name == "gauss-radau15"]
 OTHERS = [name for name in NAMED if name not in [*CARRYING, *SHEET]]
-SHORT = ["velocity-verlet", "gauss-radau15", "wisdom-holman"]
+SHORT = ["velocity-verlet", "gauss-radau15"]
 
 
 def derivatives(name: str, system: kd.System, bodies: list[str], second: bool = True) -> kd.TransitionMatrix:

@@ -50,6 +50,7 @@ def distance(found: np.ndarray, ours: np.ndarray) -> float:
     return float(np.abs(apart - EDGE * np.round(apart / EDGE)).max())
 
 
+@pytest.mark.long
 def test_openmm_moves_water_the_same_way(ours):
     mm = pytest.importorskip("openmm")
     system, nb, nm = mm.System(), mm.NonbondedForce(), 0.1

@@ -111,6 +111,7 @@ def test_what_is_not_installed_is_a_line_each(command, monkeypatch, tmp_path):
     assert [len(group["rows"]) for group in found["groups"]] == [2, 1]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(find_spec("heyoka") is None, reason="heyoka is not installed: pip install 'kickdrift[heyoka]'")
 def test_heyoka():
     start = bodies.planets()
@@ -192,6 +193,7 @@ def test_turns_alternate():
     assert turns.ratio_of(found[:, 0], found[:, 1]).median == 2.0
 
 
+@pytest.mark.long
 def test_start_up_is_timed_in_a_process():
     entry = groups.Command("help", "kickdrift --help", ("--help",), 60.0)
     found = speed.measure([entry], 2, 0.01)

@@ -134,6 +134,7 @@ def after_run(system) -> kd.Simulation:
     return sim
 
 
+@pytest.mark.long
 def test_megno_is_that_of_one_run(system, client):
     found = kd.Ensemble(system, {"particles.elements[c].a": [1.3, 1.7]}, measure="megno", integrator="yoshida4", seed=3)
     row = found.run(client).iloc[1]
@@ -444,6 +445,7 @@ def test_a_journal_that_is_none(system, client, tmp_path):
     assert RunError.exit_status == 1
 
 
+@pytest.mark.long
 def test_a_notebook_shows_a_table_with_the_energy_errors(tmp_path):
     pd = pytest.importorskip("pandas")
     made = table.frame(

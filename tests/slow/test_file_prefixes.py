@@ -52,6 +52,7 @@ def test_mdanalysis_finds_no_frame_that_is_not_whole(recorder, tmp_path):
     assert places > 50
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:there is no reference attributes:UserWarning")
 def test_what_a_kill_leaves_is_continued(recorder, tmp_path):
     """Cut every write of the last flush and of the close. A second kill may also cut the repair."""

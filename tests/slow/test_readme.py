@@ -50,6 +50,7 @@ def test_the_python_of_the_page_on_bridges_runs(tmp_path, monkeypatch):
     assert len(names["table"]) == len(names["run"]) == 11
 
 
+@pytest.mark.long
 def test_the_python_of_the_page_on_observables_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = run_python_of(README.parent / "docs" / "observables.md")

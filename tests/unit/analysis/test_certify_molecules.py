@@ -13,6 +13,7 @@ from kickdrift.integrators.splitting.baths import bath
 from kickdrift.integrators.splitting.constraints import flows
 from kickdrift.looks import looking
 from kickdrift.model import freedom
+from tests.long import rest
 
 
 def pairs(n: int = 40, tolerance: float = 2.0**-52) -> kd.System:
@@ -110,7 +111,7 @@ def test_noise_that_is_not_projected_is_found(tmp_path, monkeypatch):
     assert report.energy.verdict == "secular drift"
 
 
-@pytest.mark.parametrize("faulty", [False, True])
+@pytest.mark.parametrize("faulty", [rest(False), True])
 def test_a_virial_without_the_forces_of_constraints_is_found(tmp_path, monkeypatch, faulty):
     """All kinetic energy then counts as pressure, 5 / 3 of that of an ideal gas of pairs."""
     if faulty:

@@ -15,6 +15,7 @@ from kickdrift.analysis.tangents.deviations import direction
 from kickdrift.errors import InputError
 from kickdrift.forces.slopes.problem_variations import varied_problem
 from kickdrift.odes import ODES
+from tests.long import rest
 
 LORENZ = 0.9056  # Viswanath 1998, thesis, Cornell; Sprott 2003, Chaos and Time-Series Analysis, appendix A
 REGULAR, CHAOTIC = 0.1, -0.25  # y at x = 0, y' = 0 and energy 1/8: Skokos, Bountis & Antonopoulos 2007
@@ -65,7 +66,7 @@ def test_orbits_of_one_energy_are_regular_and_chaotic():
     assert max(regular.energy_error, chaotic.energy_error) < 1e-8
 
 
-@pytest.mark.parametrize("given", [{}, {"jacobian": lambda t, y: [[0.3, 1.0], [0.0, -0.2]]}, {"compiled": False}])
+@pytest.mark.parametrize("given", [rest({}), {"jacobian": lambda t, y: [[0.3, 1.0], [0.0, -0.2]]}, {"compiled": False}])
 def test_a_linear_equation_has_its_largest_eigenvalue(given):
     found = megno(saddle(**given), 100.0, "rk4", 0.1)
     assert found.lyapunov == pytest.approx(0.3, rel=0.02)  # the first directions still count a little
@@ -78,7 +79,7 @@ def test_a_falling_deviation_keeps_its_digits():
     assert found.growth[-1] / found.times[-1] == pytest.approx(-1.5, rel=1e-5)
 
 
-@pytest.mark.parametrize("name", ["lorenz", "arenstorf"])
+@pytest.mark.parametrize("name", ["lorenz", rest("arenstorf")])
 def test_the_deviation_is_the_difference_of_nearby_solutions(name):
     problem = ODES[name]()
     found = megno(problem, 2.0, "dop853", seed=3, rtol=1e-12, atol=1e-12)
@@ -190,6 +191,7 @@ def test_a_spectrum_that_makes_no_sense_is_said(given, message):
         kd.lyapunov_spectrum("two-body", 1.0)
 
 
+@pytest.mark.long
 def test_the_command_finds_the_published_spectrum_of_lorenz(tmp_path, kickdrift):
     file, words = tmp_path / "spectrum.json", ("chaos", "ode-lorenz", "--time", 300, "--spectrum")
     code, out, _ = kickdrift(*words, "all", "--integrator", "rk4", "--dt", 0.01, "--json", file)

@@ -21,7 +21,7 @@ from kickdrift_validation.shadow_hamiltonian import modified_hamiltonian, pendul
 @pytest.fixture(scope="module")
 def orbit():
     """Kepler's ellipse over five periods, against its closed form."""
-    return work_precision(kepler(0.3), ["velocity-verlet", "blanes-moan4", "rk4"], 31.4, budget=4.0)
+    return work_precision(kepler(0.3), ["velocity-verlet", "blanes-moan4", "rk4"], 31.4, budget=2.0)
 
 
 # --- the ladder ---
@@ -67,6 +67,7 @@ def test_no_error_below_the_references_own_is_believed(orbit):
         assert row.believed == (row.error is not None and row.error > 3 * orbit.reference_error)
 
 
+@pytest.mark.long
 def test_what_blows_up_stays_in_the_table():
     steep = kd.Problem(lambda t, y: (-500.0 * (y[0] - math.cos(t)),), [1.0], name="steep")
     found = work_precision(steep, ["rk4"], 4.0, budget=1.0)  # the reference may take ten seconds
@@ -107,6 +108,7 @@ def test_the_energy_is_compared_where_chaos_forbids_positions():
     assert all(row.growth.verdict for row in found.rows if row.error)
 
 
+@pytest.mark.long
 def test_without_an_energy_chaos_shortens_the_pilot():
     found = work_precision(lorenz(), ["dop853"], 60.0, budget=4.0)
     assert found.measure == "reference"
@@ -151,6 +153,7 @@ def test_particles():
     assert found.of("dop853")[-1].energy_error < 1e-6
 
 
+@pytest.mark.long
 def test_constraints_have_a_reference_of_fixed_steps(tmp_path):
     (tmp_path / "chain.toml").write_text(CHAIN)
     found = kd.compare(tmp_path / "chain.toml", ["velocity-verlet", "yoshida4"], accuracy=1e-5)
@@ -286,6 +289,7 @@ def test_accuracy_and_length_must_be_positive(value):
         recommendation(table(), 1e-3, value)
 
 
+@pytest.mark.long
 def test_the_recommended_run_meets_the_accuracy():
     problem = pendulum()
     found = work_precision(problem, ["velocity-verlet", "blanes-moan4"], 200.0, whole=2000.0, budget=3.0)

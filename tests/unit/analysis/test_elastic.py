@@ -18,6 +18,7 @@ def crystal(force, kind: str, sites: int, edge: float, **given) -> kd.System:
     return kd.System(x, box=edges, forces=[force], **given)
 
 
+@pytest.mark.long
 def test_silicon_has_its_published_constants():
     """Stillinger-Weber silicon at 5.431 angstrom, relaxed: Balamane et al. 1992, doi:10.1103/PhysRevB.46.2250; without
     relaxation C44 would be 117 GPa."""
@@ -31,6 +32,7 @@ def test_silicon_has_its_published_constants():
     assert found.as_json()["strain"] == 1e-3
 
 
+@pytest.mark.long
 def test_the_copper_with_a_smooth_end_has_its_constants_at_small_strains():
     """Lattice constant and cohesive energy of Zhou, Johnson & Wadley 2004, and the elastic constants by LAMMPS' own
     stress, 169.68, 122.14 and 75.74 GPa (docs/crystals.md)."""
@@ -69,6 +71,7 @@ def test_what_has_no_elastic_constants_is_refused(make, message):
         kd.analysis.elastic_constants(*make())
 
 
+@pytest.mark.long
 def test_the_command_measures_a_relaxed_crystal(kickdrift, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     silicon = crystal(kd.StillingerWeber(), "diamond", 8, 5.431, masses=28.0855, units="metal", species=["Si"] * 64)

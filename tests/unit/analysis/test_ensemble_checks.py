@@ -169,6 +169,7 @@ def test_a_run_at_constant_energy_compares_its_axes():
     assert found.rows[0].expected == found.rows[2].expected
 
 
+@pytest.mark.long
 def test_two_runs_in_the_bath_of_another_program():
     found = engine_checks(fluid(), "lammps", "csvr", 16_000, 10, dt=0.004, temperature=(1.0, 1.4), tau=0.05)
     assert found.passed

@@ -12,6 +12,7 @@ from kickdrift.analysis.certify.force_testing import shell_notes
 from kickdrift.analysis.certify.force_tests import jump_along
 from kickdrift.model.starts.builders import lattice
 from kickdrift.systemfile.files import shipped
+from tests.long import rest
 
 
 def drop(force, **options):
@@ -42,7 +43,7 @@ def test_right_forces_pass():
     [
         (kd.Springs([[0, 1]], 1.0), None, "springs"),
         (kd.HarmonicBond(1.0, 1.2), kd.Topology([(0, 1)]), "harmonic-bond"),
-        (kd.LennardJones(), kd.Topology(exclusions=[(0, 1)]), "topology"),
+        rest(kd.LennardJones(), kd.Topology(exclusions=[(0, 1)]), "topology"),
     ],
 )
 def test_particles_of_a_list_are_not_exchanged(force, topology, named):
@@ -61,6 +62,7 @@ def salt(*further):
     return kd.System(1.5 * (sites + 0.5), box=[6.0] * 3, charges=charges, forces=forces)
 
 
+@pytest.mark.long
 def test_the_error_that_charges_state_bounds_the_tests():
     """A mesh moves with no particle, so shifted ions have other forces, by no more than the error that is asked."""
     checks = kd.analysis.force_checks(salt(), steps=100, dt=1e-3)

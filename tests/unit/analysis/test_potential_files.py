@@ -38,6 +38,7 @@ def test_carbon_of_a_file_with_two_names(tmp_path):
     assert ("X", "no fcc, bcc, sc or diamond crystal alone") in found.lines()
 
 
+@pytest.mark.long
 def test_commands(kickdrift, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     code, out, _ = kickdrift("info", COPPER)

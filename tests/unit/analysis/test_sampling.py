@@ -53,6 +53,7 @@ def found():
     return kd.compare(liquid(64, 2.0), baths, dt=0.016, time=40.0, accuracy=0.05)
 
 
+@pytest.mark.long
 def test_a_liquid_is_compared(found):
     assert isinstance(found, SamplingComparison)
     assert [row.dt for row in found.of(found.methods[0])] == pytest.approx([0.016 * 2 ** (-k / 2) for k in range(4)])

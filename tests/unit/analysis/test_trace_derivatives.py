@@ -96,21 +96,23 @@ CASES = [
     pytest.param(diving, {"pericentre": "partial"}, 1e-5, 2, id="a passage with kicks"),
     pytest.param(
         lambda: light(meeting(), (5.2, 0.05, -0.06, 0.0), (5.6, 0.04, 2.0, 0.0), (7.0, 0.97, -0.3, 0.0)), {}, 1e-5, 1,
-        id="massless bodies meet giants and pass the star",
+        id="massless bodies meet giants and pass the star", marks=pytest.mark.long,
     ),
     pytest.param(
         lambda: light(diving(), (12.5, 0.05, 1.03, 0.0), (7.0, 0.1, 2.0, 0.0)), {}, 1e-5, 2,
-        id="massless bodies while a planet passes the star",
+        id="massless bodies while a planet passes the star", marks=pytest.mark.long,
     ),
     pytest.param(lambda: forced(meeting()), {}, 1e-4, 1, id="giants meet under other forces"),
-    pytest.param(lambda: forced(diving()), {}, 1e-5, 2, id="all move together under other forces"),
+    pytest.param(
+        lambda: forced(diving()), {}, 1e-5, 2, id="all move together under other forces", marks=pytest.mark.long
+    ),
     pytest.param(
         lambda: forced(light(meeting(), (5.2, 0.05, -0.06, 0.0), (7.0, 0.97, -0.3, 0.0))), {}, 1e-5, 1,
         id="massless bodies under other forces",
     ),
     pytest.param(
         lambda: forced(light(diving(), (12.5, 0.05, 1.03, 0.0), (7.0, 0.1, 2.0, 0.0))), {}, 1e-5, 2,
-        id="massless bodies while a planet passes, under other forces",
+        id="massless bodies while a planet passes, under other forces", marks=pytest.mark.long,
     ),
     pytest.param(lambda: braked(meeting()), {}, 1e-4, 1, id="giants meet with drag"),
     pytest.param(lambda: braked(diving()), {"pericentre": "partial"}, 1e-5, 2, id="a passage with kicks and drag"),

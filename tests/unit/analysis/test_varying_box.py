@@ -65,6 +65,7 @@ def test_travelled_positions_in_a_leaning_box_and_a_slab():
         np.testing.assert_allclose(travelled(x, [boxes[0]] * 50), x, rtol=0, atol=1e-9)
 
 
+@pytest.mark.long
 def test_displacements_do_not_scale_with_the_box(tmp_path):
     """Diffusion in a fluctuating box. The positions themselves give far too much, as in fig. 1 of the paper."""
     x, boxes = walk()

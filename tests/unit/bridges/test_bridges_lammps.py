@@ -9,6 +9,7 @@ import kickdrift as kd
 from kickdrift.bridges.lammps import script
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift_validation.lammps_inputs import Beside, ours
+from tests.long import rest, shortened
 
 CRYSTAL = """\
 units metal
@@ -165,7 +166,7 @@ def written(tmp_path, text):
     return path
 
 
-@pytest.mark.parametrize("name", CRYSTALS)
+@pytest.mark.parametrize("name", shortened(CRYSTALS, ["edip"]))
 def test_many_body_styles_agree_with_lammps(name, tmp_path):
     path = written(tmp_path, CRYSTALS[name])
     system, there = kd.System.from_lammps(path), Beside(path)
@@ -188,6 +189,7 @@ def test_lennard_jones_in_a_leaning_box(tmp_path):
     steps_agree(system, there)
 
 
+@pytest.mark.long
 def test_lennard_jones_that_gromacs_switches(tmp_path):
     path = written(tmp_path, LEANING.replace("lj/cut 2.2", "lj/gromacs 1.6 2.2").replace("pair_modify shift yes\n", ""))
     system, there = kd.System.from_lammps(path), Beside(path)
@@ -195,6 +197,7 @@ def test_lennard_jones_that_gromacs_switches(tmp_path):
     agree(system, there)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", ["ewald 1e-11"])
 def test_charges_agree_with_lammps(solver, tmp_path):
     path = written(tmp_path, SALT.format(solver=solver))
@@ -212,7 +215,7 @@ OF_CHARMM = {"angle_style harmonic": "angle_style charmm",
              "pair_coeff 1 1 0.1094 3.39967": "pair_coeff 1 1 0.1094 3.39967 0.05 3.1"}  # fmt: skip
 
 
-@pytest.mark.parametrize("case", [AMBER, OPLS, CHARMM], ids=["amber", "opls", "charmm"])
+@pytest.mark.parametrize("case", [rest(AMBER), OPLS, rest(CHARMM)], ids=["amber", "opls", "charmm"])
 def test_molecules_agree_with_lammps(case, tmp_path, monkeypatch):
     molecule(tmp_path, np.random.default_rng(2))
     text = MOLECULES.format(**case)

@@ -11,6 +11,7 @@ from kickdrift.bridges.openmm.files import Asked, read
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.model.molecules.relatives import measured
 from kickdrift.systemfile.reading import loads
+from tests.long import rest
 
 REFERENCE = openmm.Platform.getPlatformByName("Reference")
 ALANINE = """\
@@ -154,6 +155,7 @@ def test_maps_of_two_dihedrals_are_those_of_openmm(alanine):
     assert again.forces[-1] == ours.forces[-1]
 
 
+@pytest.mark.long
 def test_charmm36_in_openmms_custom_forces_is_that_of_openmm(alanine):
     """Lennard-Jones by pairs of types, 1-4 pairs as bonds, and CMAP."""
     topology, x = alanine
@@ -213,9 +215,11 @@ def test_a_custom_force_is_the_law_with_its_energies(kind, formula, values, law)
     ("kind", "formula", "values", "law"),
     [
         ("Bond", "a*(r-b)^4 + depth*(1-exp(-w*(r-b)))^2", {"a": 9.0, "b": 0.1, "w": 20.0}, "formula-bond"),
-        ("Bond", "a*max(0,r-b)^2", {"a": 9e3, "b": 0.15}, "formula-bond"),
-        ("Angle", "a*(cos(theta)-cos(b))^2 + tan(0.3*theta)", {"a": 90.0, "b": 2.0}, "formula-angle"),
-        ("Torsion", "k*min(d,2*pi-d)^2; d=abs(theta-t0); pi=3.1415926535", {"k": 30.0, "t0": 0.7}, "formula-improper"),
+        rest("Bond", "a*max(0,r-b)^2", {"a": 9e3, "b": 0.15}, "formula-bond"),
+        rest("Angle", "a*(cos(theta)-cos(b))^2 + tan(0.3*theta)", {"a": 90.0, "b": 2.0}, "formula-angle"),
+        rest(
+            "Torsion", "k*min(d,2*pi-d)^2; d=abs(theta-t0); pi=3.1415926535", {"k": 30.0, "t0": 0.7}, "formula-improper"
+        ),
         ("Torsion", "k*exp(-a*(1-cos(theta-0.3)))", {"k": 30.0, "a": 0.7}, "formula-improper"),
     ],
 )
@@ -234,7 +238,7 @@ def test_a_custom_force_of_any_formula_is_that_of_openmm(kind, formula, values, 
     np.testing.assert_allclose(kd.Simulation(ours, dt=0.0005).forces(), pulls, rtol=1e-7, atol=1e-7)
 
 
-@pytest.mark.parametrize("beside", [True, False])
+@pytest.mark.parametrize("beside", [rest(True), False])
 def test_pairs_of_any_formula_are_those_of_openmm(beside, water):
     """The exponential-6 law of Buckingham by mixed parameters, and screened charges, switched."""
     topology, x = water
@@ -339,6 +343,7 @@ def test_rigid_water_goes_to_gromacs_and_back(file, water, tmp_path):
     assert energies["NonbondedForce"] == pytest.approx(expected["NonbondedForce"], rel=1e-9)
 
 
+@pytest.mark.long
 def test_rigid_water_by_mesh_is_that_of_openmm(water):
     """OpenMM averages the energy beyond the cutoff over N (N + 1) / 2 pairs, kickdrift over N^2 / 2."""
     topology, x = water
@@ -354,6 +359,7 @@ def test_rigid_water_by_mesh_is_that_of_openmm(water):
     assert_alike(theirs, ours, 1e-6, 1e-5)
 
 
+@pytest.mark.long
 def test_water_in_a_reaction_field_takes_the_steps_of_openmm(water):
     topology, x = water
     theirs = built(topology, "tip3p.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6, rigidWater=False)
@@ -367,6 +373,7 @@ def test_water_in_a_reaction_field_takes_the_steps_of_openmm(water):
     assert_same_steps(theirs, without)
 
 
+@pytest.mark.long
 def test_a_switching_function_is_that_of_openmm(water):
     """Energies and forces, with the dispersion correction, whose pairs OpenMM counts with each particle itself."""
     topology, x = water
@@ -429,8 +436,8 @@ def test_harmonic_impropers_are_those_of_openmm(formula, rest):
 
 
 def test_other_torsions_are_formulas():
-    for formula, rest in ((FORMULAS[1], 0.5), ("k*(theta-theta0)^4", 0.0)):
-        theirs, x = four(formula, rest)
+    for formula, at in ((FORMULAS[1], 0.5), ("k*(theta-theta0)^4", 0.0)):
+        theirs, x = four(formula, at)
         ours = kd.System.from_openmm(theirs, None, x)
         (force,) = ours.forces
         assert force.name == "formula-improper"
@@ -495,6 +502,7 @@ def across(coulomb, factors):
     )  # fmt: skip
 
 
+@pytest.mark.long
 def test_molecules_across_the_edge_of_a_box_have_the_energy_of_openmm():
     ours = across(kd.Coulomb("ewald", cutoff=0.9, accuracy=1e-8), (0.5, 0.0, 0.0))
     theirs, _, x, _ = ours.to_openmm()
@@ -762,6 +770,7 @@ def test_a_system_file_has_a_force_field(files, kickdrift):
     assert (status, err) == (0, "")
 
 
+@pytest.mark.long
 def test_other_units_and_sites_go_to_openmm(water):
     topology, x = with_sites(*water, "tip4pew.xml")
     theirs = built(topology, "tip4pew.xml", nonbondedMethod=app.CutoffPeriodic, nonbondedCutoff=0.6, rigidWater=True)

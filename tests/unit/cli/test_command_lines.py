@@ -29,6 +29,7 @@ from kickdrift.model.checks.limits import MOST_STEPS
 from kickdrift.odes import harmonic_oscillator
 from kickdrift.run.plan.plan import check_run, plan_of
 from kickdrift.text import LINE, clean, shown
+from tests.long import rest
 from tests.refusals import assert_refused
 
 PROGRAM = "from kickdrift_main import main; main()"
@@ -237,11 +238,11 @@ def program(*arguments, shell="", **environment) -> subprocess.CompletedProcess:
 @pytest.mark.parametrize(
     ("shell", "arguments", "status"),
     [
-        ("2>&-", ["info", "nothing.toml"], 2),
-        (">&-", ["info", "sun-jupiter"], 0),
+        rest("2>&-", ["info", "nothing.toml"], 2),
+        rest(">&-", ["info", "sun-jupiter"], 0),
         (">&- 2>&- <&-", ["info", "sun-jupiter"], 0),
         ("> /dev/full", ["info", "sun-jupiter"], 1),
-        ("2> /dev/full", ["info", "nothing.toml"], 2),
+        rest("2> /dev/full", ["info", "nothing.toml"], 2),
     ],
 )
 def test_closed_and_full_streams(shell, arguments, status):

@@ -203,6 +203,7 @@ def test_types_have_parameters_of_their_own():
     assert kd.Simulation(system, dt=0.01).energy().potential == pytest.approx(wanted, rel=1e-13)
 
 
+@pytest.mark.long
 def test_a_users_law_has_the_bits_of_ours_and_comes_back_from_a_file(tmp_path):
     phases = []
     for forces in ([kd.Fene(), kd.CosineAngle(1.5)], [OwnFene(), OwnCosine(1.5)]):

@@ -32,6 +32,7 @@ from kickdrift.model.units.unit_systems import UNIT_SYSTEMS
 from kickdrift.run.report.charges import charge_warnings
 from kickdrift.run.report.warnings import unused_warnings
 from tests.folders import DATA
+from tests.long import rest
 from tests.oracle import slab
 from tests.systems import assert_bits_last
 
@@ -224,7 +225,9 @@ def layered(accuracy: float, box: Any = (6.0, 7.0, 5.0), method: str = "ewald") 
     return crowd.remade(box=slab, charges=charges, forces=[kd.Coulomb(method, accuracy=accuracy)])
 
 
-@pytest.mark.parametrize(("method", "accuracy"), [("ewald", 1e-2), ("ewald", 1e-4), ("ewald", 1e-8), ("pme", 1e-4)])
+@pytest.mark.parametrize(
+    ("method", "accuracy"), [rest("ewald", 1e-2), ("ewald", 1e-4), rest("ewald", 1e-8), rest("pme", 1e-4)]
+)
 def test_a_slab_is_that_of_the_exact_sum(method, accuracy):
     """Ewald's sum in two dimensions, at two splitting parameters, is exact; the slab's error is the accuracy."""
     system = layered(accuracy, method=method)
@@ -254,6 +257,7 @@ def test_slabs_lean_and_say_their_vacuum():
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("beside", [False, True], ids=["alone", "beside a pair force"])
 @pytest.mark.parametrize("box", [UPRIGHT, LEANING], ids=["upright", "leaning"])
 def test_ewalds_sum_follows_a_box_that_changes(box, beside):
@@ -330,7 +334,7 @@ def test_all_pairs_in_open_space():
     assert kd.Simulation(system, dt=1e-3).run(1).charges.method == "direct"
 
 
-@pytest.mark.parametrize("surroundings", [None, 78.0])
+@pytest.mark.parametrize("surroundings", [rest(None), 78.0])
 def test_a_reaction_field(surroundings):
     """Tironi et al. 1995, eqs. 4 and 5."""
     system, cutoff = ions(UPRIGHT, method="reaction-field", cutoff=2.9, surroundings=surroundings), 2.9
@@ -410,6 +414,7 @@ def salt(**given: Any) -> kd.System:
     return start.with_velocities(temperature=0.5, seed=2)
 
 
+@pytest.mark.long
 def test_energy_is_conserved_and_the_report_says_what_was_chosen():
     sim = kd.Simulation(salt(accuracy=1e-5), dt=0.002)
     report = sim.run(400)
@@ -532,6 +537,7 @@ def assert_single(system: kd.System) -> None:
         assert np.abs(mixed.accelerations.sum(axis=1)).max() < 1e-12 * size * len(system)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("beside", [(), (BESIDE,)], ids=["alone", "beside a pair force"])
 def test_mixed_precision_differs_by_the_rounding_of_float32(beside):
     for force in (kd.Coulomb(), FIELD):
@@ -546,6 +552,7 @@ def test_mixed_precision_with_other_widths_of_lanes(monkeypatch, lanes):
     assert_single(ions(UPRIGHT).with_forces(BESIDE, kd.Coulomb()))
 
 
+@pytest.mark.long
 def test_mixed_precision_gives_the_same_bits_on_threads_and_in_pieces():
     one, other = (kd.Simulation(kd.load("molten-salt"), dt=0.001, threads=k, precision="mixed") for k in (1, 2))
     one.run(20, every=20)
@@ -598,14 +605,14 @@ def test_coulombs_constant_of_each_unit_system():
 @pytest.mark.parametrize(
     ("engine", "box", "forces", "more"),
     [
-        ("lammps", UPRIGHT, [BESIDE, FINE], {"special": False}),
+        rest("lammps", UPRIGHT, [BESIDE, FINE], {"special": False}),
         ("lammps", LEANING, [BESIDE, FINE], {"special": False}),
         ("lammps", UPRIGHT, [FINE], {"special": False, "net": 0.5}),
         ("lammps", UPRIGHT, [BESIDE, MESH], {"special": False}),
-        ("openmm", UPRIGHT, [BESIDE, MESH], {}),
-        ("openmm", UPRIGHT, [BESIDE, FINE], {}),
+        rest("openmm", UPRIGHT, [BESIDE, MESH], {}),
+        rest("openmm", UPRIGHT, [BESIDE, FINE], {}),
         ("openmm", UPRIGHT, [FINE], {"net": 0.5}),
-        ("openmm", UPRIGHT, [BESIDE, FIELD], {}),
+        rest("openmm", UPRIGHT, [BESIDE, FIELD], {}),
         ("openmm", kd.Box(), [kd.Coulomb("direct")], {}),
     ],
     ids=str,
@@ -641,6 +648,7 @@ SPLITS = {
 HALF = [[6.0, 0.0, 0.0], [3.0, 7.0, 0.0], [3.0, 3.5, 8.0]]  # leans by half an edge, where barostats take other edges
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", SPLITS)
 def test_the_virial_across_the_axes_is_the_slope_of_the_energy_in_a_strain(method):
     """Also after a barostat has taken other edges of the same lattice; the energy then stays."""
@@ -667,6 +675,7 @@ def test_the_virial_across_the_axes_is_the_slope_of_the_energy_in_a_strain(metho
         assert virials[:3].sum() == pytest.approx(found.virial, rel=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["ewald", "pme"])
 def test_the_virial_across_the_axes_is_that_of_lammps(method):
     """Of LAMMPS' coul/long with ewald, whose erfc has errors of 1e-7."""

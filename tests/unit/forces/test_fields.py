@@ -102,6 +102,7 @@ def system_with(system, force):
 # --- against the oracle ---
 
 
+@pytest.mark.long
 @given(st.integers(0, 2**32 - 1), st.integers(2, 40), st.sampled_from([1e-3, 1.0, 1e3]), st.floats(0, 100))
 @settings(max_examples=60, deadline=None)
 def test_all_of_them_add_up(seed, n, scale, time):
@@ -372,7 +373,7 @@ FULL = [
 
 
 @given(st.sampled_from(FULL), st.integers(0, 2), JUNK)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_junk_makes_a_force_or_one_line(full, which, junk):
     cls, parameters = full
     parameters = {**parameters, list(parameters)[which % len(parameters)]: junk}

@@ -35,6 +35,7 @@ def test_tanh_ends_at_one_far_away():
     assert value_of(numbers, -100.0)[0] == -1.0
 
 
+@pytest.mark.long
 def test_a_choice_by_a_parameter_compiles_for_lanes():
     x = [[0.0, 0.0, 0.0], [1.3, 0.0, 0.0]]
     for k, energy in ((0.0, 2.6), (1.0, 1.3)):

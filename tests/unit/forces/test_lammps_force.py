@@ -126,6 +126,7 @@ angle_coeff 1 5.0 120.0
 """
 
 
+@pytest.mark.long
 def test_a_snippet_of_an_input_acts_along_the_bonds_of_the_topology(tmp_path):
     rng = np.random.default_rng(6)
     chain = np.array([[0.0, 0, 0], [0.9, 0.3, 0], [1.7, -0.2, 0.4], [2.6, 0.2, 0.3]])

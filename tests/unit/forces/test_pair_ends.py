@@ -11,6 +11,7 @@ import kickdrift as kd
 from kickdrift.errors import InputError
 from kickdrift.forces.bound.forces import BoundForces
 from kickdrift.forces.pairs.ends import End
+from tests.long import rest
 from tests.oracle.agreement import assert_right
 from tests.systems import liquid
 
@@ -35,7 +36,7 @@ def mixture(force: kd.LennardJones, names: str, n: int = 216) -> kd.System:
     )
 
 
-@pytest.mark.parametrize(("given", "names"), [(KOB_ANDERSEN, "AB"), (APART, "ABC"), (APART, "ABCDE")])
+@pytest.mark.parametrize(("given", "names"), [(KOB_ANDERSEN, "AB"), rest(APART, "ABC"), rest(APART, "ABCDE")])
 def test_pairs_of_species_end_where_they_say(given, names):
     """Two and three species have their numbers in registers, five do not."""
     more = {name: {"sigma": 0.8, "truncation": "switch"} for name in names[3:]}
@@ -46,10 +47,12 @@ def test_pairs_of_species_end_where_they_say(given, names):
     assert_right(mixture(kd.LennardJones(**whole), names))
 
 
+@pytest.mark.long
 def test_pairs_that_are_all_cut_end_where_they_say():
     assert_right(mixture(kd.LennardJones(**KOB_ANDERSEN, truncation="cut"), "AB"))
 
 
+@pytest.mark.long
 def test_pairs_of_species_end_where_they_say_in_mixed_precision():
     system = mixture(kd.LennardJones(**KOB_ANDERSEN), "AB")
     exact, mixed = (BoundForces(system, mixed=each).measure(0.0, system.state.phase) for each in (False, True))
@@ -58,6 +61,7 @@ def test_pairs_of_species_end_where_they_say_in_mixed_precision():
     assert abs(mixed.potential - exact.potential) < 1e-6 * abs(exact.potential)
 
 
+@pytest.mark.long
 def test_pairs_with_ends_of_their_own_follow_whole_numbers():
     """The exact leapfrog has a loop of its own over the pairs."""
     system = mixture(kd.LennardJones(**APART), "ABC", 125)

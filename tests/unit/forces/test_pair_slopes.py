@@ -72,6 +72,7 @@ class Elementary(NamedTuple):
         return np.where(r2 < 4.0, energy, 0.0), np.where(r2 < 4.0, pull, 0.0)
 
 
+@pytest.mark.long
 def test_a_law_of_exponentials_and_powers_in_a_mixture():
     still, numbers = (
         system_of("cut", 1, 0, 0),

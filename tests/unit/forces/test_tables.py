@@ -15,6 +15,7 @@ from kickdrift.engines.lammps_world import lammps_class
 from kickdrift.errors import InputError
 from kickdrift.forces.pairs.terms import force_over_r
 from kickdrift.systemfile.reading import loads
+from tests.long import rest
 from tests.systems import liquid
 
 DEGREE = math.pi / 180.0
@@ -38,7 +39,7 @@ def rows(count: int = 400) -> list[tuple[float, ...]]:
     return list(zip(*(each.tolist() for each in (r, *lennard_jones(r))), strict=True))
 
 
-@pytest.mark.parametrize("columns", [2, 3])
+@pytest.mark.parametrize("columns", [2, rest(3)])
 def test_a_table_of_lennard_jones_is_exact_to_a_billionth(columns):
     table = np.column_stack([R, *lennard_jones(R)])[:, :columns]
     force = kd.Tabulated(table=table, truncation="cut")
@@ -54,6 +55,7 @@ def test_a_table_of_lennard_jones_is_exact_to_a_billionth(columns):
     np.testing.assert_allclose(compiled, found[:, 1], rtol=1e-13, atol=1e-13)
 
 
+@pytest.mark.long
 def test_a_law_becomes_a_table_with_its_mixture_and_its_ends():
     law = kd.LennardJones(
         cutoff=2.5, truncation="shift", species={"A": {}, "B": {"epsilon": 0.5, "sigma": 0.88, "cutoff": 2.2}}
@@ -75,6 +77,7 @@ def test_a_law_becomes_a_table_with_its_mixture_and_its_ends():
     )
 
 
+@pytest.mark.long
 def test_a_table_goes_with_pickle_a_file_and_a_run_that_goes_on(tmp_path):
     (tmp_path / "lj.table").write_text(section(R, *lennard_jones(R)), encoding="utf-8")
     text = "[[force]]\ntype = 'tabulated'\nfile = 'lj.table'\ntruncation = 'force-shift'\n"
@@ -383,7 +386,7 @@ def test_no_parameter_of_a_table_has_a_derivative():
         PairPush(kd.Tabulated(table=rows()), "rows", liquid(64), 0, 1.0)
 
 
-@pytest.mark.parametrize(("engine", "near"), [("lammps", 1e-11), ("openmm", 3e-8)])
+@pytest.mark.parametrize(("engine", "near"), [rest("lammps", 1e-11), ("openmm", 3e-8)])
 def test_engines_take_tables(engine, near):
     law = kd.LennardJones(cutoff=2.4, truncation="force-shift", species={"A": {}, "B": {"epsilon": 0.5, "sigma": 0.88}})
     start = liquid(216)

@@ -13,6 +13,7 @@ from kickdrift.analysis import pressure_tensor
 from kickdrift.errors import InputError, RunError
 from kickdrift.integrators.event_driven.spheres import spheres_of
 from kickdrift.model.starts.builders import lattice
+from tests.long import rest
 
 BOXES = {
     "rectangular": kd.Box((5.0, 6.0, 7.0)),
@@ -201,7 +202,7 @@ CLOSING = [kd.ReflectingWall((1, 0, 0), (-1, 0, 0), speed=0.5), kd.ReflectingWal
 NARROW = [kd.ReflectingWall((1, 0, 0), (-0.5, 0, 0)), kd.ReflectingWall((-1, 0, 0), (0.5, 0, 0))]
 
 
-@pytest.mark.parametrize("walls", [CLOSING, NARROW])
+@pytest.mark.parametrize("walls", [rest(CLOSING), NARROW])
 def test_a_sphere_that_walls_squeeze_is_an_error(walls):
     system = kd.System([[0.0, 0, 0]], [[1.0, 0, 0]], forces=walls, events=[BOUNCE])
     with pytest.raises(RunError, match="walls squeeze them"):

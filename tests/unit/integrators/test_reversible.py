@@ -110,6 +110,7 @@ def energy_error(name: str, dt: float, orbits: int) -> tuple[float, float, float
     return error[early].max(), error.max(), report.force_evaluations / orbits
 
 
+@pytest.mark.long
 def test_energy_error_stays_bounded_over_1000_eccentric_orbits():
     """Measured with 200 evaluations an orbit: 0.0073 both in the first hundred orbits and in all thousand. Fixed steps
     with as many evaluations err by 150 % within a hundred orbits."""

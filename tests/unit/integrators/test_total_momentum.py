@@ -38,7 +38,7 @@ def liquid():
     x = np.stack(np.meshgrid(axis, axis, axis), -1).reshape(-1, 3) + rng.normal(scale=0.03, size=(125, 3))
     masses, v = np.where(np.arange(125) % 3, 1.0, 2.5), rng.normal(size=(125, 3))
     v -= masses @ v / masses.sum()
-    return kd.System(x, v, masses=masses, box=[5.45] * 3, forces=[kd.LennardJones(cutoff=2.5, truncation="switch")])
+    return kd.System(x, v, masses=masses, box=[5.45] * 3, forces=[kd.LennardJones(cutoff=2.5, truncation="shift")])
 
 
 @pytest.fixture(scope="module")

@@ -111,7 +111,7 @@ def found(run, a, b, w):
 
 @pytest.mark.parametrize("run", shortened(RUNS, SHORT), ids=str)
 @given(operands())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_bits_are_those_of_components_written_out(run, numbers):
     vectors, components = RUNS[run]
     np.testing.assert_array_equal(found(vectors, *numbers), found(components, *numbers))

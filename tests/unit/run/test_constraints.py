@@ -12,6 +12,7 @@ from kickdrift.run.report.warnings import begins_badly
 from kickdrift.trajectory.layout.checkpoints import decoded, encoded
 from kickdrift.trajectory.overview import overview
 from kickdrift.trajectory.read.info import info
+from tests.long import rest
 
 
 def triangles(scale: float = 1.0) -> kd.System:
@@ -33,6 +34,7 @@ def triangles(scale: float = 1.0) -> kd.System:
     return system.with_velocities(temperature=1.5, seed=3)
 
 
+@pytest.mark.long
 def test_the_pressure_is_that_of_the_centres():
     """Potential energy against the volume, with molecules that keep their shape, and the motion of the centres."""
     system, h = triangles(), 1e-5
@@ -174,7 +176,7 @@ def pressed(barostat: str, pressure: float, **more) -> kd.Simulation:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("barostat", ["c-rescale", "monte-carlo"])
+@pytest.mark.parametrize("barostat", ["c-rescale", rest("monte-carlo")])
 def test_a_barostat_moves_the_centres_of_molecules(barostat):
     """An ideal gas of N rigid pairs has the mean volume (N + 1) k_B T / P; 2 N particles have almost twice that."""
     n, pressure = 27, 0.5
@@ -218,7 +220,7 @@ def test_a_run_at_constant_pressure_goes_on_with_the_same_bits():
     np.testing.assert_array_equal(later.state.phase, whole.state.phase)
 
 
-@pytest.mark.parametrize(("coupling", "every"), [("per-axis", 1), ("full", 1), ("full", 4)])
+@pytest.mark.parametrize(("coupling", "every"), [rest("per-axis", 1), rest("full", 1), ("full", 4)])
 def test_a_piston_on_molecules_conserves_the_energy_to_second_order(coupling, every):
     """Energy less heat and work, while the box moves: it has the pressure of the centres, and the motion of these."""
     system, errors = triangles(1.2), []

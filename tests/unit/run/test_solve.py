@@ -143,7 +143,7 @@ def test_a_whole_number_of_steps_ends_at_the_end_of_the_interval_to_the_last_bit
 
 
 @pytest.mark.parametrize("method", ["dormand-prince45", "DOP853", "gauss-radau15", "BDF"])
-@pytest.mark.parametrize("end", [3.0, -3.0])
+@pytest.mark.parametrize("end", [3.0, rest(-3.0)])
 def test_complex_numbers(method, end):
     matrix = np.array([[1j, 0.5], [0.0, -0.3 + 2j]])
 
@@ -180,7 +180,7 @@ def test_compiled_and_plain_python_take_the_same_steps():
 
 
 @pytest.mark.parametrize("compiled", [None, True, False])
-@pytest.mark.parametrize("method", ["dormand-prince45", "Radau", "rk4"])
+@pytest.mark.parametrize("method", ["dormand-prince45", rest("Radau"), rest("rk4")])
 def test_what_f_raises_comes_out_unchanged(method, compiled):
     fixed = {"dt": 0.1} if method == "rk4" else {}
     with pytest.raises(KeyError, match="outside"):

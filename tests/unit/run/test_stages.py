@@ -13,6 +13,7 @@ from kickdrift.errors import InputError, RunError
 from kickdrift.integrators.options import Options
 from kickdrift.run.ramp import STAIRS, Ramp
 from kickdrift.systemfile.reading import loads
+from tests.long import rest
 
 FILE = """
 title = "argon in reduced units"
@@ -95,7 +96,7 @@ def test_a_ramp_is_linear_in_the_steps_and_stays_at_its_end(count):
     assert held[-1] == 2500.0
 
 
-@pytest.mark.parametrize("pressed", [{}, PRESSED], ids=["bath", "barostat"])
+@pytest.mark.parametrize("pressed", [{}, rest(PRESSED)], ids=["bath", "barostat"])
 def test_a_ramp_has_the_same_bits_however_a_run_is_cut_and_keeps_its_energy(pressed, tmp_path):
     system, path = protocol(""), tmp_path / "run.h5md"
     ramp = {"temperature": {"from": 1.0, "to": 2.0}, **pressed}
@@ -169,7 +170,7 @@ def test_stages_are_runs_from_the_end_of_the_one_before(tmp_path):
     assert "Means of the stages" in str(found)
 
 
-@pytest.mark.parametrize("stopped", ["heat", "press", "produce"])
+@pytest.mark.parametrize("stopped", [rest("heat"), "press", rest("produce")])
 def test_a_protocol_stopped_in_a_stage_goes_on_with_the_same_bits(stopped, tmp_path):
     kd.run_stages(protocol(), output=tmp_path / "whole.h5md")
     stages = [each.name for each in protocol().stages]

@@ -153,6 +153,7 @@ def refused_for_room(done, path, why="disk full: "):
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.long
 @pytest.mark.skipif(resource is None, reason="needs setrlimit")
 def test_a_limit_on_a_files_size(tmp_path):
     path = tmp_path / "run.h5md"

@@ -20,6 +20,7 @@ from kickdrift.trajectory.layout.checkpoints import decoded
 from kickdrift.trajectory.layout.contents import MOST_NESTED
 from kickdrift.trajectory.read.info import describe, info
 from kickdrift.trajectory.write.h5md import Writer
+from tests.long import rest
 
 FRAMES, N = 6, 5
 VALUE = "particles/trajectory/position/value"
@@ -533,7 +534,7 @@ HURT = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("old", [False, True], ids=["checksums", "none"])
+@pytest.mark.parametrize("old", [False, rest(True)], ids=["checksums", "none"])
 @pytest.mark.parametrize("hurt", HURT)
 def test_a_run_goes_on_from_what_is_whole(whole, tmp_path, hurt, old):
     """The run computes the damaged end again with the same bits. After 50 steps more, all is as without damage."""

@@ -168,6 +168,7 @@ def test_a_removed_body_is_refused_where_there_is_no_nan(path, suffix):
 # -- precision and limits
 
 
+@pytest.mark.long
 def test_xtc_of_reduced_units_is_near(tmp_path_factory):
     folder = tmp_path_factory.mktemp("xtc")
 

@@ -27,6 +27,7 @@ from kickdrift.trajectory.layout.options import FileOptions
 from kickdrift.trajectory.read import reader
 from kickdrift.trajectory.read.info import describe, info
 from kickdrift.trajectory.write.h5md import Writer
+from tests.long import rest
 
 METHOD = {"integrator": "velocity-verlet", "dt": 0.005, "threads": 1, "seed": 7}
 SI = UnitSystem("si", "m", "s", "kg", "J", "K", 1.380649e-23)
@@ -329,7 +330,7 @@ def start_child(path) -> subprocess.Popen:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs kill -9")
-@pytest.mark.parametrize("delay", [0.0, 0.03, 0.11, 0.23])
+@pytest.mark.parametrize("delay", [0.0, rest(0.03), rest(0.11), 0.23])
 def test_a_killed_run_leaves_whole_frames(path, delay):
     """The child flushes every sample, so nearly every moment is inside a flush."""
     child = start_child(path)

@@ -21,6 +21,7 @@ from kickdrift.forces.seam import named
 from kickdrift.integrators.own.registration import load_file
 from kickdrift.trajectory.layout.names import run_hash, system_hash
 from kickdrift.trajectory.write.h5md import Writer
+from tests.long import shortened
 
 CANARY = "the-canary"
 FORCES = {  # module and name that no file may give
@@ -127,7 +128,7 @@ def commanded(monkeypatch, capfd, *words):
 MAIN = cli.main
 
 
-@pytest.mark.parametrize("kind", FORCES)
+@pytest.mark.parametrize("kind", shortened(FORCES, [*FORCES][::3]))
 def test_a_file_names_no_callable(tmp_path, whole, called, monkeypatch, capfd, kind):
     module, name = FORCES[kind]
 
