@@ -181,6 +181,7 @@ __all__ = [
     "FormulaDihedral",
     "FormulaImproper",
     "FormulaPair",
+    "Galaxy",
     "GasDrag",
     "GaussianCore",
     "Gravity",
