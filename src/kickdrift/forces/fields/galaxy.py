@@ -18,12 +18,14 @@ from kickdrift.forces.fields.shipped import Field
 from kickdrift.forces.formulas.expression import formula_of, value_of
 from kickdrift.forces.laws.central import gravitational_constant
 from kickdrift.forces.seam.arguments import Vector, check_place_in_plane, number, vector
+from kickdrift.model.bridged import bridge
 from kickdrift.model.checks.arguments import checked_arguments
 from kickdrift.model.units.quantities import quantity
 from kickdrift.text import choices, shown, suggestion
 
 if TYPE_CHECKING:
     from kickdrift.model.subject import Subject
+    from kickdrift.model.units.unit_systems import UnitSystem
 
 POSITIVE, NOT_NEGATIVE, ANY = "positive", "zero or more", ""
 TURNS = {"angle": (ANY, 0.0), "omega": (ANY, 0.0)}
@@ -169,6 +171,45 @@ class Galaxy(Field):
                     for key, value in each.items() if key not in ("kind", "alpha")}
             for each in milky_way()
         ]  # fmt: skip
+
+    @classmethod
+    def from_galpy(
+        cls, potential: Any, units: str | UnitSystem = "galactic", ro: float | None = None, vo: float | None = None
+    ) -> Galaxy:
+        """The force of a potential of galpy, or of a list or sum of them.
+
+        Parameters
+        ----------
+        potential : one of galpy's Kepler, Plummer, Isochrone, Hernquist, NFW, MiyamotoNagai,
+            PowerSphericalPotentialwCutoff, LogarithmicHalo and SoftenedNeedleBar potentials, or several
+        units : unit system of the force
+        ro, vo : kpc and km/s of galpy's natural units; default the potential's own
+
+        Raises
+        ------
+        InputError
+            For another class of galpy, by name.
+        """
+        made: Galaxy = bridge("galpy", "Galaxy.from_galpy").galaxy_of(potential, units, ro, vo)
+        return made
+
+    @classmethod
+    def from_gala(cls, potential: Any, units: str | UnitSystem = "galactic") -> Galaxy:
+        """The force of a potential of gala, or of a sum of them, around one origin.
+
+        Parameters
+        ----------
+        potential : one of gala's Kepler, Plummer, Isochrone, Hernquist, spherical NFW, MiyamotoNagai, PowerLawCutoff,
+            Logarithmic and LongMuraliBar potentials, or a CompositePotential
+        units : unit system of the force; "nbody" for a potential in gala's dimensionless units
+
+        Raises
+        ------
+        InputError
+            For another class of gala, by name, and for potentials with rotations or several origins.
+        """
+        made: Galaxy = bridge("gala", "Galaxy.from_gala").galaxy_of(potential, units)
+        return made
 
     def mass(self, system: Subject) -> float:
         """Total mass of all parts in a System's units. Raises an InputError for a part whose mass is infinite."""
