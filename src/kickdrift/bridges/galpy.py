@@ -40,7 +40,8 @@ KINDS: dict[str, tuple[str, Callable[[Any], dict[str, float]], Callable[[dict[st
     "plummer": ("PlummerPotential", lambda p: {"b": p._b}, lambda n: {"b": n["b"]}),
     "isochrone": ("IsochronePotential", lambda p: {"b": p.b}, lambda n: {"b": n["b"]}),
     "hernquist": (
-        "HernquistPotential", lambda p: {"mass": 0.5 * p._amp, "a": p.a}, lambda n: {"amp": 2.0 * n["mass"], "a": n["a"]}
+        "HernquistPotential", lambda p: {"mass": 0.5 * p._amp, "a": p.a},
+        lambda n: {"amp": 2.0 * n["mass"], "a": n["a"]},
     ),
     "nfw": ("NFWPotential", lambda p: {"a": p.a}, lambda n: {"a": n["a"]}),
     "miyamoto-nagai": (

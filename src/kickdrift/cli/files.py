@@ -237,7 +237,9 @@ def list_(
 
 
 def new(
-    kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, polymer, water, planets, cluster or ode.")] = "liquid",
+    kind: Annotated[
+        str, argument("[KIND]", "liquid, bath, mixture, polymer, water, planets, cluster or ode.")
+    ] = "liquid",
     output: Annotated[Path | None, option("FILE.toml", "Default: KIND.toml in this folder.")] = None,
     model: Annotated[
         str | None,

@@ -165,7 +165,9 @@ def draws(data: dict[str, Any]) -> bool:
     velocities, particles = data.get("velocities"), data.get("particles")
     drawn = isinstance(velocities, dict) and "temperature" in velocities
     if isinstance(particles, dict):
-        drawn = drawn or "plummer" in particles or "king" in particles or ("elements" in particles and "seed" in particles)
+        drawn = (
+            drawn or "plummer" in particles or "king" in particles or ("elements" in particles and "seed" in particles)
+        )
     return drawn
 
 

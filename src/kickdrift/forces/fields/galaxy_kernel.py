@@ -62,13 +62,13 @@ def strength_of(force, k, t):
     stack, top = np.empty(last - first), -1
     for step in range(first, last):
         code = force.operations[step]
-        if code == NUMBER or code == TIME:
+        if code in (NUMBER, TIME):
             top += 1
             stack[top] = force.numbers[step] if code == NUMBER else t
         elif code == SELECT:
             top -= 2
             stack[top] = stack[top + 1] if stack[top] != 0.0 else stack[top + 2]
-        elif ADD <= code <= POW or code == MIN or code == MAX:
+        elif ADD <= code <= POW or code in (MIN, MAX):
             top -= 1
             stack[top] = of_two(code, stack[top], stack[top + 1])
         else:
@@ -283,9 +283,7 @@ def potential_of(row, x, y, z):
         rest = upper_gamma(1.0 - 0.5 * row[2], (r2 + TINY) / (row[3] * row[3]), row[9])
         return -(power_law_mass(row, r2 + TINY) * r2 + row[8] * rest / row[3])
     if kind == LOGARITHMIC:
-        return 0.5 * math.log(
-            x * x + y * y / (row[4] * row[4]) + z * z / (row[3] * row[3]) + (row[2] * row[2] + TINY)
-        )
+        return 0.5 * math.log(x * x + y * y / (row[4] * row[4]) + z * z / (row[3] * row[3]) + (row[2] * row[2] + TINY))
     reach = row[3] + math.sqrt(z * z + row[4] * row[4])
     if kind == MIYAMOTO_NAGAI:
         reach = row[2] + math.sqrt(z * z + row[3] * row[3])

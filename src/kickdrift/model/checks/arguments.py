@@ -141,7 +141,7 @@ ROWS: dict[str, tuple[tuple[str, str], ...]] = {
         ("gas-dynamical-friction", "did you mean 'dynamical-friction' by stars, or 'gas-drag'?"),
         ("central-force power-law", "{word} is 'central-potential' here"),
         (
-            "nfw hernquist miyamoto-nagai isochrone halo disc disk bulge bar mwpotential2014 milky-way milkyway logarithmic",
+            "nfw hernquist miyamoto-nagai isochrone halo disc disk bulge bar mwpotential2014 milky-way logarithmic",
             "{word} is a part of the force 'galaxy' here",
         ),
         ("modify-mass mass-loss mass-growth accretion", "{word} is 'mass-change' here"),

@@ -82,7 +82,9 @@ def masses_drawn(
     u = rng.random(count) * cumulative[-1]
     place = np.minimum(np.searchsorted(cumulative, u, side="right") - 1, len(used) - 1)
     power = 1.0 - np.array(used)[place]
-    return np.asarray((edges[place] ** power + (u - cumulative[place]) * power / np.array(factors)[place]) ** (1 / power))
+    return np.asarray(
+        (edges[place] ** power + (u - cumulative[place]) * power / np.array(factors)[place]) ** (1 / power)
+    )
 
 
 def _integral(low: float, high: float, slope: float) -> float:
@@ -219,7 +221,7 @@ def _placed(
     many = max(2 * n, math.ceil(float(masses.sum() / masses.min())))
     if many > MOST_DRAWN:
         raise InputError(
-            f"segregation: chooses among {many:,} orbits, at most {MOST_DRAWN:,}; raise the least mass, or take fewer stars"
+            f"segregation: chooses among {many:,} orbits, at most {MOST_DRAWN:,}; raise the least mass or take fewer stars"
         )
     lightest_first, order = list(np.argsort(masses, kind="stable")), []
     for left in range(n - 1, -1, -1):
@@ -238,7 +240,7 @@ def _placed(
 def _orbits(
     count: int, binaries: Mapping[str, Any], masses: Floats, unit: float, rng: np.random.Generator
 ) -> tuple[Floats, Floats]:
-    """Separations and relative velocities (count, 3) of binaries of these masses, with G = 1 and lengths in ``unit``."""
+    """Separations and velocities (count, 3) within binaries of these masses, with G = 1 and lengths in ``unit``."""
     given = binaries.get("a")
     low, high = (given if isinstance(given, Sequence) else (given, given)) if given is not None else (None, None)
     if not (low is not None and 0 < number(low) <= number(high) < math.inf):

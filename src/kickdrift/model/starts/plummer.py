@@ -50,7 +50,7 @@ def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats,
 
 
 def draw(count: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
-    """Positions and velocities (n, 3) of stars of Plummer's sphere in N-body units, and the energy of each star alone."""
+    """Positions and velocities (n, 3) of stars of Plummer's sphere in N-body units, and the energy of each alone."""
     b = 3 * math.pi / 16
     within = np.minimum(np.cbrt(rng.random(count)), 1.0 - 1e-15)  # the cube root of the mass inside r
     r = b * within / np.sqrt(1.0 - within**2)

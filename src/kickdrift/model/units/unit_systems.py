@@ -63,7 +63,8 @@ class UnitSystem:
 
     G and the speed of light are None in systems without them. A mass times ``coherent_mass`` is force over
     acceleration: in ``metal`` (angstrom, ps, eV, u) the factor converts u to eV ps^2 / angstrom^2. It is 1 in ``lj``,
-    ``si``, ``astro``, ``stellar``, ``galactic`` and ``nbody``, and 1.00000000105 in ``gromacs``, where N_A u is not quite 1 g/mol.
+    ``si``, ``astro``, ``stellar``, ``galactic`` and ``nbody``, and 1.00000000105 in ``gromacs``, where N_A u is not
+    quite 1 g/mol.
 
     The unit of charge and Coulomb's constant follow from the name; see ``CHARGES``.
     """
