@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from kickdrift.forces.fields.galaxy import CODES, OPERATIONS
+from kickdrift.forces.fields.galaxy_parts import CODES, OPERATIONS
 from kickdrift.forces.seam.kernel import OK, kernel
 from kickdrift.jit.compile import as_written, jit, never_inline
 

@@ -220,9 +220,7 @@ def _placed(
     n = len(masses)
     many = max(2 * n, math.ceil(float(masses.sum() / masses.min())))
     if many > MOST_DRAWN:
-        raise InputError(
-            f"segregation: chooses among {many:,} orbits, at most {MOST_DRAWN:,}; raise the least mass or take fewer stars"
-        )
+        raise InputError(f"segregation: chooses among {many:,} orbits, at most {MOST_DRAWN:,}; raise the least mass")
     lightest_first, order = list(np.argsort(masses, kind="stable")), []
     for left in range(n - 1, -1, -1):
         order.append(lightest_first.pop(left - int((left + 1) * (1.0 - rng.random() ** (1.0 - segregation)))))
