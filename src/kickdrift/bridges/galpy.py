@@ -35,7 +35,7 @@ def _power_law(p: Any) -> dict[str, float]:
 
 
 # galpy's class by kind: a part's numbers from a potential, and a potential from a part's numbers, in natural units.
-KINDS: dict[str, tuple[str, Callable[[Any], dict[str, float]], Callable[[dict[str, float]], dict[str, float]]]] = {
+KINDS: dict[str, tuple[str, Callable[[Any], dict[str, float]], Callable[[dict[str, float]], dict[str, Any]]]] = {
     "kepler": ("KeplerPotential", lambda p: {}, lambda n: {}),
     "plummer": ("PlummerPotential", lambda p: {"b": p._b}, lambda n: {"b": n["b"]}),
     "isochrone": ("IsochronePotential", lambda p: {"b": p.b}, lambda n: {"b": n["b"]}),
