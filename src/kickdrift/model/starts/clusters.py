@@ -139,7 +139,7 @@ def cluster(
     centres = count - pairs
     if scaled and centres > MOST_SCALED:
         raise InputError(
-            f"{model}: above {MOST_SCALED} stars expected scaled = false: the energy is summed over all pairs, "
+            f"scaled: expected false above {MOST_SCALED} stars, because the energy is summed over all pairs; "
             f"got count = {count}"
         )
     rng = generator(seed)

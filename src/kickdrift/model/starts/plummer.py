@@ -34,7 +34,7 @@ def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats,
     check_particles("count", count)
     if scaled and count > MOST_SCALED:
         raise InputError(
-            f"plummer: above {MOST_SCALED} stars expected scaled = false: the energy is summed over all pairs, "
+            f"scaled: expected false above {MOST_SCALED} stars, because the energy is summed over all pairs; "
             f"got count = {count}"
         )
     rng = generator(seed)
