@@ -163,7 +163,7 @@ BAD = [
      "or 'barycentric', got 'geocentric'"),
     (BODIES, '"astro"', '"lj"', "particles.elements[2].T: lj quantities are plain numbers, got '-30 day'"),
     (BODIES, '"Saturn"', '"Jupiter"', "names: particle 2 is called 'Jupiter'; expected unique names"),
-    (BODIES, "[[force]]", "[velocities]\ntemperature = 1.0\nseed = 1\n[[force]]", "elements, plummer and king already set"),
+    (BODIES, "[[force]]", "[velocities]\ntemperature = 1.0\nseed = 1\n[[force]]", "plummer and king already set"),
     (BODIES, "a = 5.2, e = 0.048", 'P = "2 yr", e = 1.5', "particles.elements[0] (Jupiter).P: only an ellipse (e < 1)"),
     (BELT, "seed = 4\n", "", "particles: seed is missing; bodies are drawn with a seed"),
     (BODIES, "elements = [", "seed = 1\nelements = [", "particles: seed needs ranges, but there are none"),
