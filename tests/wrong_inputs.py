@@ -60,11 +60,11 @@ PYTHON = [
     ("kd.System([[math.nan, 0, 0], [1, 0, 0]])", "positions: particle 0 has nan in x; expected finite numbers"),
     (
         'kd.System(X, units="LJ")',
-        "units: expected one of lj, metal, real, gromacs, si, astro, nbody, got 'LJ'; did you mean 'lj'?",
+        "units: expected one of lj, metal, real, gromacs, si, astro, stellar, galactic, nbody, got 'LJ'; did you mean 'lj'?",
     ),
     (
         'kd.System(X, units="akma")',
-        "units: expected one of lj, metal, real, gromacs, si, astro, nbody, got 'akma'; akma is not there; 'real' is kcal/mol, angstrom and fs; it takes units, such as \"2 fs\"",
+        "units: expected one of lj, metal, real, gromacs, si, astro, stellar, galactic, nbody, got 'akma'; akma is not there; 'real' is kcal/mol, angstrom and fs; it takes units, such as \"2 fs\"",
     ),
     (
         "kd.System(X, forces=[lambda x: -x])",
@@ -263,7 +263,7 @@ FILES = [
     (
         'units = "lj"',
         'units = "akma"',
-        "system: units: expected one of lj, metal, real, gromacs, si, astro, nbody, got 'akma'; akma is not there; 'real' is kcal/mol, angstrom and fs; it takes units, such as \"2 fs\"",
+        "system: units: expected one of lj, metal, real, gromacs, si, astro, stellar, galactic, nbody, got 'akma'; akma is not there; 'real' is kcal/mol, angstrom and fs; it takes units, such as \"2 fs\"",
     ),
     ('units = "lj"', 'seed = 3\nunits = "lj"', "system: seed: unknown key; did you mean velocities.seed?…"),
     ("lengths", "length", "system: box.length: unknown key; did you mean 'lengths'?…"),

@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from kickdrift.run.solve.solve import Solution, solve
     from kickdrift.run.stages import StageReports, run_stages
     from kickdrift.statistics.quasi_periodic import frequencies
+    from kickdrift.systemfile.clusters import cluster
     from kickdrift.systemfile.json_schema import json_schema
     from kickdrift.systemfile.reading import load
     from kickdrift.systemfile.templates import template
@@ -117,6 +118,7 @@ _HOMES = {
     "VirtualSite": "model.molecules.virtual_sites",
     "body_law": "forces.laws.body_law",
     "cite": "trajectory.citing",
+    "cluster": "systemfile.clusters",
     "compare": "analysis.compare.comparing",
     "doctor": "analysis.compare.doctor",
     "export": "trajectory.export.export",
@@ -181,6 +183,7 @@ __all__ = [
     "FormulaDihedral",
     "FormulaImproper",
     "FormulaPair",
+    "Galaxy",
     "GasDrag",
     "GaussianCore",
     "Gravity",
@@ -258,6 +261,7 @@ __all__ = [
     "body_law",
     "bond_law",
     "cite",
+    "cluster",
     "compare",
     "dihedral_law",
     "doctor",
@@ -308,6 +312,8 @@ _MOVED = {
 # Places of functions in upper layers, by what each makes. Lower layers ask for them with ``display.showing.above``.
 _ABOVE = {
     "bridge to ase": "bridges.ase",
+    "bridge to gala": "bridges.gala",
+    "bridge to galpy": "bridges.galpy",
     "bridge to h5py": "bridges.snapshots",
     "bridge to lammps": "bridges.lammps.system",
     "bridge to MDAnalysis": "bridges.mdanalysis",

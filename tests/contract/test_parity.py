@@ -102,7 +102,7 @@ DEVELOPERS = {
 ELSEWHERE = {
     "a table of a system file": (
         "Body", "Box", "CloseApproach", "Collision", "Constraint", "Crossing", "Escape", "Fixed", "Stage",
-        "Topology", "VirtualSite",
+        "Topology", "VirtualSite", "cluster",
         *(name for name in kd.__all__ if kd._HOMES.get(name) == "forces"),
     ),
     "-o KEY=VALUE": ("integrator", "Option"),

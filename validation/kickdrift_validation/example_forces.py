@@ -91,6 +91,18 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "listed-pairs": {"pairs": [[0, 1], [1, 2]], "epsilon": 0.7, "sigma": [0.8, 0.9], "charges": -0.2},
     "uniform-field": {"acceleration": (0.0, 0.1, 0.0)},
     "restraint": {"stiffness": 2.0, "particles": [0, 5], "positions": [(0.3, 0.2, 0.0), (-0.5, 1.0, 0.0)]},
+    "galaxy": {
+        "potentials": [
+            "MWPotential2014",
+            {"kind": "kepler", "mass": 0.3},
+            {"kind": "plummer", "mass": 0.5, "b": 0.6, "strength": "1+a*sin(3*t); a=0.2"},
+            {"kind": "isochrone", "mass": 0.4, "b": 0.7},
+            {"kind": "hernquist", "mass": 0.6, "a": 0.8},
+            {"kind": "logarithmic", "speed": 0.7, "core": 0.2, "q": 0.8, "p": 0.9, "angle": 30.0, "omega": 0.4},
+            {"kind": "bar", "mass": 0.5, "a": 0.9, "b": 0.2, "c": 0.3, "angle": 20.0, "omega": -0.6},
+        ],
+        "centre": (0.1, -0.2, 0.0),
+    },
     "harmonic-wall": {"stiffness": 2.0, "normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0), "reach": 4.5},
     "lennard-jones-wall": {"normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0), "cutoff": 6.0},
     "reflecting-wall": {"normal": (0.0, 0.0, 2.0), "point": (0.0, 0.0, -4.0)},

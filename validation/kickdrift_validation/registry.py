@@ -125,6 +125,8 @@ SCRIPTS = (
            45, peers=("rebound",)),
     Script("radial_velocities.py", "radial velocities of a star beside radvel's Keplerian model", 10,
            peers=("radvel",)),
+    Script("galaxies.py", "potentials of galaxies, a stream's orbit and starts of clusters beside galpy and gala", 75,
+           peers=("gala", "galpy", "mpmath")),
     Script("reboundx_forces.py", "forces of planetary science beside REBOUNDx", 15, peers=("rebound", "reboundx")),
     Script("events.py", "events beside closed forms; what collisions conserve", 50, peers=("rebound",)),
     Script("collisions.py", "what collisions book; fragments beside scaling laws; the search of many bodies", 40),

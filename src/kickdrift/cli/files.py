@@ -237,9 +237,14 @@ def list_(
 
 
 def new(
-    kind: Annotated[str, argument("[KIND]", "liquid, bath, mixture, polymer, water, planets or ode.")] = "liquid",
+    kind: Annotated[
+        str, argument("[KIND]", "liquid, bath, mixture, polymer, water, planets, cluster or ode.")
+    ] = "liquid",
     output: Annotated[Path | None, option("FILE.toml", "Default: KIND.toml in this folder.")] = None,
-    model: Annotated[str | None, option("NAME", "Another model of the kind: tip4p2005 for water, else SPC/E.")] = None,
+    model: Annotated[
+        str | None,
+        option("NAME", "Another model of the kind: tip4p2005 for water, else SPC/E; king for cluster, else Plummer's."),
+    ] = None,
     schema: Annotated[
         bool,
         typer.Option("--schema", help="Write the schema beside the file, and name it in the first line for editors."),

@@ -32,6 +32,7 @@ from kickdrift.forces.charges.coulomb import Coulomb
 from kickdrift.forces.external.calculator import CalculatorForce
 from kickdrift.forces.external.lammps import LammpsForce
 from kickdrift.forces.external.python import PythonForce
+from kickdrift.forces.fields.galaxy import Galaxy
 from kickdrift.forces.fields.restraint import Restraint
 from kickdrift.forces.fields.shipped import DrivenField, HarmonicTrap, Hill, LinearDrag, Springs, UniformField
 from kickdrift.forces.fields.walls import HarmonicWall, LennardJonesWall, ReflectingWall
@@ -117,6 +118,7 @@ _ALL: tuple[Any, ...] = (
     UniformField,
     DrivenField,
     LinearDrag,
+    Galaxy,
     Restraint,
     HarmonicWall,
     LennardJonesWall,

@@ -287,3 +287,48 @@ class Bridged:
             For a periodic box, forces other than `Gravity`, and units in which force is not m a (metal).
         """
         return bridge("rebound", "System.to_rebound").simulation_of(self)
+
+    @classmethod
+    def from_galpy(
+        cls,
+        orbit: Any,
+        potential: Any = None,
+        units: str | UnitSystem = "galactic",
+        masses: Any = 0.0,
+        ro: float | None = None,
+        vo: float | None = None,
+    ) -> Any:
+        """System of the bodies of a ``galpy.orbit.Orbit`` at its start, such as samples of a distribution function.
+
+        Parameters
+        ----------
+        orbit : galpy.orbit.Orbit of one body or many, in three dimensions
+        potential : of galpy, which becomes the force ``galaxy``; see ``Galaxy.from_galpy``
+        units : unit system
+        masses : one number or one for each body, in ``units``; default 0, test particles
+        ro, vo : kpc and km/s of galpy's natural units; default the orbit's own
+        """
+        return bridge("galpy", "System.from_galpy").system_of(orbit, potential, units, masses, ro, vo)
+
+    def to_galpy(self, ro: float = 8.0, vo: float = 220.0) -> Any:
+        """The bodies as one ``galpy.orbit.Orbit``, and a list of galpy's potentials for the force ``galaxy``.
+
+        Their actions are ``orbit.jr(pot=potentials)``, and so on. The bodies' own gravity is left out.
+
+        Raises
+        ------
+        InputError
+            For a galaxy with a strength that changes, or with a halo that turns.
+        """
+        return bridge("galpy", "System.to_galpy").orbit_of(self, ro, vo)
+
+    def to_gala(self) -> Any:
+        """The bodies as one ``gala.dynamics.PhaseSpacePosition``, and gala's potential for the force ``galaxy``, or
+        None. The bodies' own gravity is left out.
+
+        Raises
+        ------
+        InputError
+            For a galaxy with a part that changes or turns.
+        """
+        return bridge("gala", "System.to_gala").positions_of(self)

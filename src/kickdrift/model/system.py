@@ -87,7 +87,7 @@ class System(Bridged, MeasuredSystem, ShownSystem):
     masses : (n,) or one number, default 1
     box : None (open), three edge lengths (periodic, corner at the origin), or a Box
     forces : iterable of forces, e.g. ``[kd.LennardJones(cutoff=2.5)]``
-    units : name of a unit system: lj, metal, real, gromacs, si, astro, nbody
+    units : name of a unit system: lj, metal, real, gromacs, si, astro, stellar, galactic, nbody
     species : (n,) kinds, default all "A"
     names : (n,) names of the bodies, all different ("Jupiter"); default none
     radii : (n,) or one number; radii of the bodies for collisions; default none

@@ -26,7 +26,7 @@ from kickdrift.model.molecules.topology import SIZES
 from kickdrift.model.units.quantities import EXAMPLES
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, powers
 from kickdrift.systemfile import events, schema, schema_base, schema_run
-from kickdrift.systemfile.schema_base import In, OneOrMore, Spread
+from kickdrift.systemfile.schema_base import In, NamedOrMore, OneOrMore, Spread
 
 DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that taplo and Even Better TOML know well
 NAME = "system-file.schema.json"  # file beside the shipped systems
@@ -220,7 +220,8 @@ class _Generator(GenerateJsonSchema):
             return _quantity(function)
         if isinstance(function, OneOrMore):
             one = _quantity(function.one)
-            return {"anyOf": [one, {"type": "array", "items": one}]}
+            alone = TEXT if isinstance(function, NamedOrMore) else one
+            return {"anyOf": [alone, {"type": "array", "items": one}]}
         if (special := _SPECIAL.get(function)) is not None:
             return special
         return super().function_before_schema(schema)

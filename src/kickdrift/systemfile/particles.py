@@ -30,7 +30,6 @@ from kickdrift.model.starts.builders import (
 )
 from kickdrift.model.starts.chains import random_chains
 from kickdrift.model.starts.coordinates import at_barycentre, attracting_masses, to_barycentric
-from kickdrift.model.starts.plummer import plummer
 from kickdrift.model.state import Floats
 from kickdrift.model.system import body_names
 from kickdrift.model.units.quantities import number_density, quantity
@@ -43,7 +42,6 @@ from kickdrift.systemfile.schema_base import (
     BodyTable,
     ConstraintTable,
     FixedTable,
-    PlummerTable,
     VirtualSiteTable,
 )
 from kickdrift.text import choices, shown, suggestion
@@ -372,18 +370,6 @@ def orbit_of(
             raise InputError("P: expected a positive period")
         values["a"] = np.cbrt(mu * (np.asarray(period) / elements.TAU) ** 2)
     return elements.states(mu, t=time, **values)
-
-
-def cluster(table: PlummerTable, units: UnitSystem, seed: int | None = None) -> Structure:
-    """Stars from a system file's ``plummer``. ``seed`` replaces the table's seed."""
-    if units.name != "nbody":
-        raise InputError(
-            f'plummer: is in N-body units, G = M = 1 and E = -1/4; expected units = "nbody", got "{units.name}"'
-        )
-    sphere = table.plummer
-    seed = sphere.seed if seed is None else seed
-    x, v, masses = plummer(sphere.count, seed, sphere.scaled)
-    return Structure(x, masses, ["A"] * len(masses), None, periodic=False, velocities=v, seed=seed)
 
 
 def molecules_of(table: SystemTable, folder: Path) -> tuple[Topology | None, list[VirtualSite]]:

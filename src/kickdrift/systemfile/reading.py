@@ -30,6 +30,7 @@ from kickdrift.model.state import Floats
 from kickdrift.model.system import System
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS, UnitSystem, unit_system
 from kickdrift.systemfile import schema
+from kickdrift.systemfile.clusters import stars_of
 from kickdrift.systemfile.events import events_of
 from kickdrift.systemfile.files import PARAMETERS, STRUCTURES, find, parsed, plain, prefixed, toml_table
 from kickdrift.systemfile.force_fields import force_field_system, refuse_files, told_system
@@ -38,7 +39,6 @@ from kickdrift.systemfile.particles import (
     as_given,
     box_of,
     charges_of,
-    cluster,
     constraint_of,
     edges_given,
     fixed_of,
@@ -47,7 +47,7 @@ from kickdrift.systemfile.particles import (
     on_orbits,
     on_walks,
 )
-from kickdrift.systemfile.schema_base import ElementsTable, PlummerTable
+from kickdrift.systemfile.schema_base import ElementsTable, KingTable, PlummerTable
 from kickdrift.systemfile.schema_run import equilibration_of, run_defaults, stage_of
 from kickdrift.text import choices, shown, suggestion
 
@@ -171,7 +171,9 @@ def draws(data: dict[str, Any]) -> bool:
     velocities, particles = data.get("velocities"), data.get("particles")
     drawn = isinstance(velocities, dict) and "temperature" in velocities
     if isinstance(particles, dict):
-        drawn = drawn or "plummer" in particles or ("elements" in particles and "seed" in particles)
+        drawn = (
+            drawn or "plummer" in particles or "king" in particles or ("elements" in particles and "seed" in particles)
+        )
     return drawn
 
 
@@ -337,13 +339,13 @@ def _start(
             return on_walks(particles, table, box, units)
         if isinstance(particles, schema.PositionsTable):
             return as_given(particles, units, gravity)
-        if isinstance(particles, ElementsTable | PlummerTable):
+        if isinstance(particles, ElementsTable | PlummerTable | KingTable):
             if table.velocities is not None:
-                raise InputError("elements and plummer already set velocities; expected no [velocities]")
+                raise InputError("elements, plummer and king already set velocities; expected no [velocities]")
             return (
                 on_orbits(particles, gravity, seed, units=units, folder=folder)
                 if isinstance(particles, ElementsTable)
-                else cluster(particles, units, seed)
+                else stars_of(particles, units, gravity, seed)
             )
         if frame is not None:
             return structure_of(frame, particles, box is not None)

@@ -124,7 +124,7 @@ class FileTable(Table):
     atom_style: Literal["atomic", "charge", "bond", "angle", "molecular", "full"] | None = None  # of LAMMPS' data files
 
 
-PARTICLES = ("lattice", "walks", "positions", "elements", "plummer", "file")
+PARTICLES = ("lattice", "walks", "positions", "elements", "plummer", "king", "file")
 
 
 def _kind(data: Any) -> str | None:
@@ -138,6 +138,7 @@ ParticlesTable = Annotated[
     | Annotated[PositionsTable, Tag("<positions>")]
     | Annotated[base.ElementsTable, Tag("<elements>")]
     | Annotated[base.PlummerTable, Tag("<plummer>")]
+    | Annotated[base.KingTable, Tag("<king>")]
     | Annotated[FileTable, Tag("<file>")],
     Discriminator(_kind, "particles", f"expected a table with exactly one of {', '.join(PARTICLES)}"),
 ]

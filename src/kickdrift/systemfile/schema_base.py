@@ -45,6 +45,13 @@ class OneOrMore:
         return [self.one(each, info) for each in value] if isinstance(value, list) else self.one(value, info)
 
 
+class NamedOrMore(OneOrMore):
+    """Validator of a name, or of a list of numbers with units."""
+
+    def __call__(self, value: Any, info: ValidationInfo) -> Any:
+        return super().__call__(value, info) if isinstance(value, list) else value
+
+
 Length = Annotated[float, BeforeValidator(In("length"))]
 Edge = Annotated[float, BeforeValidator(In("length", "positive"))]
 Start = Annotated[float, BeforeValidator(In("time"))]
@@ -247,14 +254,43 @@ class AddedTable(BodyTable):
         return self
 
 
+class BinariesTable(Table):
+    fraction: float
+    a: Annotated[Any, BeforeValidator(OneOrMore(In("length", "positive")))]
+    e: Any = "thermal"
+
+
+class HeavyTable(Table):
+    fraction: float
+    ratio: float
+
+
 class SphereTable(Table):
     count: Annotated[int, Field(ge=2)]
     seed: NonNegativeInt
     scaled: bool = True
+    masses: Annotated[Any, BeforeValidator(NamedOrMore(In("mass")))] = None
+    mass_range: Annotated[list[Mass], Field(min_length=2, max_length=2)] | None = None
+    mass: Annotated[float, BeforeValidator(In("mass", "positive"))] | None = None
+    heavy: HeavyTable | None = None
+    segregation: float = 0.0
+    binaries: BinariesTable | None = None
+    half_mass_radius: Edge | None = None
+    virial_radius: Edge | None = None
+    position: Vector | None = None
+    velocity: Annotated[list[Velocity], Field(min_length=3, max_length=3)] | None = None
+
+
+class KingSphereTable(SphereTable):
+    W0: float
 
 
 class PlummerTable(Table):
     plummer: SphereTable
+
+
+class KingTable(Table):
+    king: KingSphereTable
 
 
 class ChainsTable(Table):

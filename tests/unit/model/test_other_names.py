@@ -100,7 +100,7 @@ def test_words_that_nobody_knows_have_no_hint():
         ({"force": "meam"}, "are 'eam', 'stillinger-weber' and 'tersoff', and the force 'ase' is any calculator of"),
         ({"force": "buck"}, "buck is 'buckingham' here"),
         ({"force": "soft-sphere"}, "soft-sphere is not shipped; kd.pair_law makes the force from its formula"),
-        ({"units": "kpc"}, "'astro' takes quantities with units, such as \"8 kpc\""),
+        ({"units": "kpc"}, "kpc, Myr and Msun are 'galactic' here"),
         ({"units": "akma"}, "'real' is kcal/mol, angstrom and fs"),
         ({"units": "openmm"}, "kJ/mol, nm and ps are 'gromacs' here"),
         ({"units": "SI"}, "did you mean 'si'?"),
@@ -177,7 +177,6 @@ def test_engines_systems_and_units():
 @pytest.mark.parametrize(
     ("text", "dimension", "units"),
     [
-        ("8 kpc", "length", "astro"), ("220 km/s", "velocity", "astro"),
         ("2 fs", "time", "real"),
         ("2 bohr", "length", "metal"), ("1 cm", "length", "si"), ("1 g", "mass", "si"),
         ("5.9722e24 kg", "mass", "astro"), ("1.89813e27 kg", "mass", "astro"), ("6.957e8 m", "length", "astro"),

@@ -163,15 +163,15 @@ BAD = [
      "or 'barycentric', got 'geocentric'"),
     (BODIES, '"astro"', '"lj"', "particles.elements[2].T: lj quantities are plain numbers, got '-30 day'"),
     (BODIES, '"Saturn"', '"Jupiter"', "names: particle 2 is called 'Jupiter'; expected unique names"),
-    (BODIES, "[[force]]", "[velocities]\ntemperature = 1.0\nseed = 1\n[[force]]", "elements and plummer already set"),
+    (BODIES, "[[force]]", "[velocities]\ntemperature = 1.0\nseed = 1\n[[force]]", "plummer and king already set"),
     (BODIES, "a = 5.2, e = 0.048", 'P = "2 yr", e = 1.5', "particles.elements[0] (Jupiter).P: only an ellipse (e < 1)"),
     (BELT, "seed = 4\n", "", "particles: seed is missing; bodies are drawn with a seed"),
     (BODIES, "elements = [", "seed = 1\nelements = [", "particles: seed needs ranges, but there are none"),
     (BELT, "[2, 3]", "[3, 2]", "particles.elements[0].a: expected a range [low, high], got [3, 2]"),
     (BELT, "e = [0.0, 0.2]", "e = [0.9, 1.2]", "particles.elements[0] (rock).a of body"),
     (CLUSTER, "count = 100", "count = 1", "particles.plummer.count: expected a number greater than or equal to 2"),
-    (CLUSTER, "count = 100", "count = 100000", "particles.plummer: above 50000 stars expected scaled = false"),
-    (CLUSTER, '"nbody"', '"astro"', 'particles.plummer: is in N-body units, G = M = 1 and E = -1/4; expected un'),
+    (CLUSTER, "count = 100", "count = 100000", "particles.plummer.scaled: expected false above 50000 stars"),
+    (CLUSTER, '"nbody"', '"astro"', 'particles.plummer.half_mass_radius: required key is missing (or virial_rad'),
     (CLUSTER, ", seed = 3", "", "particles.plummer.seed: required key is missing"),
 ]  # fmt: skip
 

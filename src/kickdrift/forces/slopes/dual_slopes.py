@@ -8,6 +8,7 @@ from numba import carray, types
 from numba.extending import intrinsic
 
 from kickdrift.forces.bonded.kernel import AngleKernel, BondKernel, DihedralKernel
+from kickdrift.forces.fields.galaxy_kernel import GalaxyKernel
 from kickdrift.forces.fields.restraint_kernel import RestraintKernel
 from kickdrift.forces.laws.body_kernel import BodyWork
 from kickdrift.forces.laws.field_kernel import FieldWork, clocked, image_near, parameters_of
@@ -21,7 +22,8 @@ from kickdrift.jit.inner import by_type
 from kickdrift.jit.numba_private import cpu_target
 
 NO_DUALS = -1  # status of a force without a formula on duals
-BODIES = (BodyWork, BondKernel, AngleKernel, DihedralKernel, RestraintKernel)  # their bodies take arrays of duals
+# Bodies of these take arrays of duals.
+BODIES = (BodyWork, BondKernel, AngleKernel, DihedralKernel, GalaxyKernel, RestraintKernel)
 
 
 @jit

@@ -34,27 +34,35 @@ def plummer(count: int, seed: int, scaled: bool = True) -> tuple[Floats, Floats,
     check_particles("count", count)
     if scaled and count > MOST_SCALED:
         raise InputError(
-            f"plummer: above {MOST_SCALED} stars expected scaled = false: the energy is summed over all pairs, "
+            f"scaled: expected false above {MOST_SCALED} stars, because the energy is summed over all pairs; "
             f"got count = {count}"
         )
     rng = generator(seed)
-    b = 3 * math.pi / 16
-    within = np.minimum(np.cbrt(rng.random(count)), 1.0 - 1e-15)  # the cube root of the mass inside r
-    r = b * within / np.sqrt(1.0 - within**2)
-    x = r[:, None] * _directions(rng, count)
-    escape = np.sqrt(2.0) * (r**2 + b**2) ** -0.25
-    v = (escape * _speeds(rng, count))[:, None] * _directions(rng, count)
+    x, v, _ = draw(count, rng)
     masses = np.full(count, 1.0 / count)
     x -= x.mean(axis=0)
     v -= v.mean(axis=0)
     if scaled:
-        potential, kinetic = -_pair_sum(x) / count**2, 0.5 * float(np.sum(v**2)) / count
+        potential, kinetic = -pair_sum(x) / count**2, 0.5 * float(np.sum(v**2)) / count
         x *= -2.0 * potential  # scales to U = -1/2 and K = 1/4
         v *= math.sqrt(0.25 / kinetic)
     return x, v, masses
 
 
-def _directions(rng: np.random.Generator, count: int) -> Floats:
+def draw(count: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
+    """Positions and velocities (n, 3) of stars of Plummer's sphere in N-body units, and the energy of each alone."""
+    b = 3 * math.pi / 16
+    within = np.minimum(np.cbrt(rng.random(count)), 1.0 - 1e-15)  # the cube root of the mass inside r
+    r = b * within / np.sqrt(1.0 - within**2)
+    x = r[:, None] * directions(rng, count)
+    escape = np.sqrt(2.0) * (r**2 + b**2) ** -0.25
+    fractions = _speeds(rng, count)
+    v = (escape * fractions)[:, None] * directions(rng, count)
+    return x, v, (fractions**2 - 1.0) * 0.5 * escape**2
+
+
+def directions(rng: np.random.Generator, count: int) -> Floats:
+    """Vectors (count, 3) of length 1, in random directions."""
     up, turn = 2.0 * rng.random(count) - 1.0, 2 * math.pi * rng.random(count)
     flat = np.sqrt(1.0 - up**2)
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=1)
@@ -69,13 +77,16 @@ def _speeds(rng: np.random.Generator, count: int) -> Floats:
     return taken[:count]
 
 
-def _pair_sum(x: Floats) -> float:
-    """Sum of 1 / r over pairs."""
+def pair_sum(x: Floats, masses: Floats | None = None) -> float:
+    """Sum of 1 / r over pairs, or of m m' / r with masses."""
     rows = max(1, BLOCK // len(x))
     total = 0.0
     for start in range(0, len(x), rows):
         block = x[start : start + rows]
         r2 = sum((block[:, k, None] - x[None, start:, k]) ** 2 for k in range(3))
         later = np.arange(start, len(x))[None, :] > np.arange(start, start + len(block))[:, None]
-        total += float(np.sum(1.0 / np.sqrt(r2[later])))  # type: ignore[index]
+        over = 1.0 / np.sqrt(r2[later])  # type: ignore[index]
+        if masses is not None:
+            over = over * np.outer(masses[start : start + rows], masses[start:])[later]
+        total += float(np.sum(over))
     return total

@@ -11,7 +11,7 @@ from typing import Any
 from kickdrift.errors import InputError
 from kickdrift.model.checks.arguments import other_name
 from kickdrift.model.units import constants
-from kickdrift.model.units.unit_systems import DIMENSIONS, MSUN, powers
+from kickdrift.model.units.unit_systems import DIMENSIONS, MSUN, PARSEC, powers
 from kickdrift.model.units.unit_systems import UNIT_SYSTEMS as UNIT_SYSTEMS  # users import these names from here
 from kickdrift.model.units.unit_systems import UnitSystem as UnitSystem
 from kickdrift.model.units.unit_systems import unit_system as unit_system
@@ -165,6 +165,7 @@ def _registry() -> Any:
     registry = pint.UnitRegistry(on_redefinition="ignore", cache_folder=None)
     registry.define(f"atomic_mass_constant = {constants.ATOMIC_MASS!r} kg = m_u")  # pint's CODATA may be another year's
     registry.define(f"solar_mass = {MSUN!r} kg = Msun")
+    registry.define(f"parsec = {PARSEC!r} m = pc")  # pint's is AU / tan(1 arcsec), longer by 8e-12
     registry.define("@alias astronomical_unit = AU")
     for each in ("kcal", "kJ"):
         registry.define(f"{each}_of_one = {each} / {constants.AVOGADRO!r}")  # an energy per mole, of one particle

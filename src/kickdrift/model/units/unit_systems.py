@@ -1,7 +1,8 @@
 """Unit systems: the names of their units, and the physical constants in these units.
 
-Constants are CODATA's (`kickdrift.model.units.constants`). The gravitational constant of ``astro`` comes from the GM of
-the Sun in JPL's ephemeris DE421: the product is known to twelve digits, G alone to five.
+Constants are CODATA's (`kickdrift.model.units.constants`). The gravitational constant of ``astro``, ``stellar`` and
+``galactic`` comes from the GM of the Sun in JPL's ephemeris DE421: the product is known to twelve digits, G alone to
+five.
 """
 
 import math
@@ -17,6 +18,7 @@ from kickdrift.text import shown, suggestion
 GM_SUN = 1.32712440040944e20  # m^3/s^2, DE421 (Folkner, Williams & Boggs 2009, IPN Progress Report 42-178)
 AU = constants.AU  # m, exact since IAU 2012; DE421's own is 0.37 m shorter, 7.5e-12 of G
 YEAR = 365.25 * constants.DAY  # s, the Julian year
+PARSEC = AU * 648_000.0 / math.pi  # m (IAU 2015, resolution B2)
 MSUN = GM_SUN / constants.GRAVITY  # kg; no better known than CODATA's G, and needed only for input in kilograms
 
 GREEK = {"sigma": "σ", "tau": "τ", "epsilon": "ε"}
@@ -61,7 +63,8 @@ class UnitSystem:
 
     G and the speed of light are None in systems without them. A mass times ``coherent_mass`` is force over
     acceleration: in ``metal`` (angstrom, ps, eV, u) the factor converts u to eV ps^2 / angstrom^2. It is 1 in ``lj``,
-    ``si``, ``astro`` and ``nbody``, and 1.00000000105 in ``gromacs``, where N_A u is not quite 1 g/mol.
+    ``si``, ``astro``, ``stellar``, ``galactic`` and ``nbody``, and 1.00000000105 in ``gromacs``, where N_A u is not
+    quite 1 g/mol.
 
     The unit of charge and Coulomb's constant follow from the name; see ``CHARGES``.
     """
@@ -127,6 +130,8 @@ CHARGES: dict[str, tuple[str, float | None]] = {
     "gromacs": ("e", _BETWEEN_E / _KJ / 1e-9),  # kJ/mol nm
     "si": ("C", _IN_VACUUM),
     "astro": ("C", None),
+    "stellar": ("C", None),
+    "galactic": ("C", None),
     "nbody": ("charge", 1.0),
 }
 
@@ -179,6 +184,20 @@ UNIT_SYSTEMS: dict[str, UnitSystem] = {
         gravity=GM_SUN * YEAR**2 / AU**3,
         light=constants.LIGHT * YEAR / AU,
     ),
+    **{
+        name: UnitSystem(
+            name,
+            length,
+            "Myr",
+            "Msun",
+            f"Msun {length}^2/Myr^2",
+            "K",
+            boltzmann=constants.BOLTZMANN * (1e6 * YEAR) ** 2 / (MSUN * metres**2),
+            gravity=GM_SUN * (1e6 * YEAR) ** 2 / metres**3,
+            light=constants.LIGHT * 1e6 * YEAR / metres,
+        )
+        for name, length, metres in (("stellar", "pc", PARSEC), ("galactic", "kpc", 1e3 * PARSEC))
+    },
     "nbody": UnitSystem("nbody", "length", "time", "mass", "energy", "energy/k_B", 1.0, gravity=1.0),
 }
 

@@ -21,10 +21,11 @@ def models(kind: str) -> list[str]:
 
 
 def template(kind: str = "liquid", model: str | None = None) -> str:
-    """Text of a commented system file: "liquid", "bath", "mixture", "polymer", "water", "planets" or "ode".
+    """Text of a commented system file: "liquid", "bath", "mixture", "polymer", "water", "planets", "cluster"
+    or "ode".
 
-    ``model`` is another model of the kind: "tip4p2005" for water, which is SPC/E without it. ``kd.load`` takes a file
-    with this text. Raises InputError for another kind or model."""
+    ``model`` is another model of the kind: "tip4p2005" for water, which is SPC/E without it, and "king" for cluster.
+    ``kd.load`` takes a file with this text. Raises InputError for another kind or model."""
     known = kinds()
     if kind not in known:
         raise InputError(f"kind: expected one of {', '.join(known)}, got {shown(kind)}{suggestion(str(kind), known)}")
