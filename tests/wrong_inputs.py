@@ -173,7 +173,7 @@ PYTHON = [
         'kd.export("none.h5md", "x.gro")',
         "x.gro: the name of an export must end in .dcd, .xtc, .trr, .xyz, .pdb, .extxyz, .traj, .data, .bin, not '.gro'",
     ),
-    ('kd.load("lj-1000", snapshot=1)', "snapshot: is for archives of rebound, and …"),
+    ('kd.load("lj-1000", snapshot=1)', "snapshot: is for archives of rebound and snapshots, and …"),
     (
         "kd.frequencies([1.0] * 20, [k * k for k in range(20)])",
         "times: not evenly spaced; the largest departure, at sample 9, is 5 of the spacing",

@@ -341,6 +341,7 @@ _ABOVE = {
     "System in units": "systemfile.converting:in_units",
     "System of a frame": "trajectory.opened:start_at",
     "system file": "systemfile.writing:to_toml",
+    "HDF5 file": "trajectory.file.opening:open_to_read",
     "input of LAMMPS": "engines.lammps_input:to_lammps",
     "files of GROMACS": "bridges.gromacs:to_gromacs",
     "view": "view.views:view_of",

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from warnings import warn
 
-import h5py
 import numpy as np
 
 from kickdrift.disk.files import opened
+from kickdrift.display.showing import above
 from kickdrift.errors import InputError
 from kickdrift.forces import Gravity, GravityTree
 from kickdrift.model.state import Floats
@@ -59,9 +59,9 @@ def is_snapshot(path: Path) -> bool:
         if file.read(8) != HDF5:
             return True
     try:
-        with h5py.File(path, "r") as found:
+        with above("HDF5 file")(path) as found:
             return _kind(found) is not None
-    except (OSError, RuntimeError, ValueError):
+    except (InputError, OSError, RuntimeError, ValueError):
         return False
 
 
@@ -135,7 +135,7 @@ def _read(path: Path, index: int) -> Snapshot:
         hdf5 = file.read(8) == HDF5
     if not hdf5:
         return _nemo(path, index)
-    with h5py.File(path, "r") as found:
+    with above("HDF5 file")(path) as found:
         kind = _kind(found)
         if kind is None:
             raise InputError(

@@ -169,7 +169,8 @@ def written(tmp_path, text):
 @pytest.mark.parametrize("name", shortened(CRYSTALS, ["edip"]))
 def test_many_body_styles_agree_with_lammps(name, tmp_path):
     path = written(tmp_path, CRYSTALS[name])
-    system, there = kd.System.from_lammps(path), Beside(path)
+    system = kd.System.from_lammps(path)
+    there = Beside(path, system)
     assert (system.units.name, system.run.steps, system.run.dt) == ("metal", 100, 0.001)
     assert type(system.forces[0]).__name__ == {
         "sw": "StillingerWeber",
@@ -183,7 +184,8 @@ def test_many_body_styles_agree_with_lammps(name, tmp_path):
 
 def test_lennard_jones_in_a_leaning_box(tmp_path):
     path = written(tmp_path, LEANING)
-    system, there = kd.System.from_lammps(path), Beside(path)
+    system = kd.System.from_lammps(path)
+    there = Beside(path, system)
     assert system.box.tilts == (1.1, -0.7, 0.9)
     agree(system, there)
     steps_agree(system, there)
@@ -192,7 +194,8 @@ def test_lennard_jones_in_a_leaning_box(tmp_path):
 @pytest.mark.long
 def test_lennard_jones_that_gromacs_switches(tmp_path):
     path = written(tmp_path, LEANING.replace("lj/cut 2.2", "lj/gromacs 1.6 2.2").replace("pair_modify shift yes\n", ""))
-    system, there = kd.System.from_lammps(path), Beside(path)
+    system = kd.System.from_lammps(path)
+    there = Beside(path, system)
     assert [force.name for force in system.forces] == ["formula-pair"]
     agree(system, there)
 
@@ -201,7 +204,8 @@ def test_lennard_jones_that_gromacs_switches(tmp_path):
 @pytest.mark.parametrize("solver", ["ewald 1e-11"])
 def test_charges_agree_with_lammps(solver, tmp_path):
     path = written(tmp_path, SALT.format(solver=solver))
-    system, there = kd.System.from_lammps(path), Beside(path)
+    system = kd.System.from_lammps(path)
+    there = Beside(path, system)
     agree(system, there)
     steps_agree(system, there)
 
@@ -222,7 +226,8 @@ def test_molecules_agree_with_lammps(case, tmp_path, monkeypatch):
     for old, new in OF_CHARMM.items() if case is CHARMM else ():
         text = text.replace(old, new)
     path = written(tmp_path, text)
-    system, there = kd.System.from_lammps(path), Beside(path)
+    system = kd.System.from_lammps(path)
+    there = Beside(path, system)
     agree(system, there, lumped=True)
     steps_agree(system, there)
 

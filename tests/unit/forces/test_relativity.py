@@ -69,6 +69,8 @@ def test_the_units_own_speed_of_light(units):
     measured = BoundForces(system).measure(0.0, system.state.phase)
     in_si = {"metal": 1e-10 / 1e-12, "real": 1e-10 / 1e-15, "gromacs": 1e-9 / 1e-12, "si": 1.0}
     in_si["astro"] = 149597870700.0 / (365.25 * 86400)
+    parsec = 648000 / np.pi * 149597870700.0
+    in_si |= {"stellar": parsec / (1e6 * 365.25 * 86400), "galactic": 1e3 * parsec / (1e6 * 365.25 * 86400)}
     a, _ = formula(system, 2, "full", 299792458.0 / in_si[units], G)
     np.testing.assert_allclose(measured.accelerations.T, a, rtol=1e-12, atol=1e-14 * np.abs(a).max())
 
