@@ -110,6 +110,7 @@ def water() -> tuple[kd.System, dict[str, float]]:
     return system, {key: each[0] for key, each in reference.items() if key not in ("source", "unit", "model", "ewald")}
 
 
+@pytest.mark.long
 def test_each_part_of_the_energy_of_nists_water():
     """To half a unit of the printed digits, six; the near part of NIST uses an erfc with errors of 1.2e-7."""
     system, parts = water()
