@@ -74,6 +74,14 @@ def energy_lines(
     return lines
 
 
+def pair_lines(pairs: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """How many pairs hermite4 regularises, from a report or from its file, which may be damaged."""
+    formed, broken, bodies = (pairs.get(key) for key in ("formed", "broken", "bodies"))
+    if not (isinstance(formed, int) and isinstance(broken, int) and isinstance(bodies, list | tuple)):
+        return []
+    return [("pairs", f"{counted(len(bodies), 'pair')} now; {formed:,} formed, {broken:,} broken up")]
+
+
 def molecule_lines(found: Mapping[str, Any], length: str, temperature: str) -> list[tuple[str, str]]:
     """Lines of the values of a MoleculeReport, with the units of length and temperature."""
     lines = []

@@ -19,6 +19,7 @@ from kickdrift.looks.report_lines import (
     mean_text,
     method_text,
     molecule_lines,
+    pair_lines,
     tensor_lines,
     verdict_text,
 )
@@ -75,6 +76,8 @@ def overview_of(run: Run) -> Lines:
     lines += _of_particles(found, report, units)
     lines += _momentum(report)
     lines += _means(report, units, dimensions)
+    pairs = report.get("pairs")
+    lines += pair_lines(pairs) if isinstance(pairs, Mapping) else []
     lines += [line for line in room_lines(found, units["length"]) if line[0] not in dict(lines)]
     lines.append(("frames", _state(found)))
     return lines + alarms(found)

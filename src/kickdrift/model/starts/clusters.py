@@ -10,7 +10,7 @@ import numpy as np
 
 from kickdrift.errors import InputError
 from kickdrift.model.checks.limits import check_particles
-from kickdrift.model.checks.values import number, whole_number
+from kickdrift.model.checks.values import number, numbers, whole_number
 from kickdrift.model.starts import king
 from kickdrift.model.starts.builders import generator
 from kickdrift.model.starts.plummer import MOST_SCALED, directions, draw, pair_sum
@@ -137,6 +137,8 @@ def cluster(
         raise InputError("W0: required key is missing for king" if W0 is None else "W0: is for king alone")
     pairs = 0 if binaries is None else _pairs(count, binaries)
     centres = count - pairs
+    if centres < 2:
+        raise InputError(f"binaries.fraction: leaves one binary alone; expected more stars than count = {count}")
     if scaled and centres > MOST_SCALED:
         raise InputError(
             f"scaled: expected false above {MOST_SCALED} stars, because the energy is summed over all pairs; "
@@ -199,9 +201,9 @@ def _masses(
     if isinstance(masses, str):
         least, most = (sun * each for each in RANGE) if mass_range is None else mass_range
         return masses_drawn(masses, count, rng, least, most, sun)
-    given = np.array(masses, dtype=float)
+    given = numbers("masses", masses, f"{count} numbers")
     if given.shape != (count,):
-        raise InputError(f"masses: expected {count} numbers, got {len(given)}")
+        raise InputError(f"masses: expected {count} numbers, got {given.size}")
     for i in np.flatnonzero(~(np.isfinite(given) & (given > 0))):
         raise InputError(f"masses[{i}]: expected a mass above zero, got {given[i]:g}")
     return given
@@ -240,9 +242,10 @@ def _orbits(
 ) -> tuple[Floats, Floats]:
     """Separations and velocities (count, 3) within binaries of these masses, with G = 1 and lengths in ``unit``."""
     given = binaries.get("a")
-    low, high = (given if isinstance(given, Sequence) else (given, given)) if given is not None else (None, None)
-    if not (low is not None and 0 < number(low) <= number(high) < math.inf):
+    ends = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given, given]
+    if len(ends) != 2 or ends[0] is None or not 0 < number(ends[0]) <= number(ends[1]) < math.inf:
         raise InputError(f"binaries.a: expected a length above zero, or a range of two, got {shown(given)}")
+    low, high = map(float, ends)
     a = low * (high / low) ** rng.random(count) / unit
     e: Any = binaries.get("e", "thermal")
     if e == "thermal":

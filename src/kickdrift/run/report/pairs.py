@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from kickdrift.integrators.options import PAIRS, REGULARISED
+from kickdrift.looks.report_lines import pair_lines
 from kickdrift.model.event_log import Row, entry
 from kickdrift.model.system import System
-from kickdrift.text import counted
 
 FORMED, BROKEN = "pair-formed", "pair-broken"  # kinds of events
 
@@ -29,8 +29,7 @@ class PairReport:
 
     def lines(self) -> list[tuple[str, str]]:
         """Line for people."""
-        now = f"{counted(len(self.bodies), 'pair')} now"
-        return [("pairs", f"{now}; {self.formed:,} formed, {self.broken:,} broken up")]
+        return pair_lines(asdict(self))
 
 
 def pair_report(sim: Any) -> PairReport | None:
