@@ -85,7 +85,7 @@ def never_inline(typingctx):
 @intrinsic
 def plain(typingctx, number):
     """Return a whole number. numba compiles a function again for each constant that a call has as an argument, and for
-    a constant that a loop changes later; of this it knows only the type."""
+    a constant that a loop changes later. It knows only the type of the number that this function returns."""
 
     def codegen(context, builder, sig, args):
         return args[0]

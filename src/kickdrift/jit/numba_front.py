@@ -103,7 +103,7 @@ _refresh = CPUContext.refresh
 def _registrations(context: Any) -> int:
     """Number of functions, attributes and casts that a context's registries have; registries only grow."""
     number = len(context._registries) + len(context.typing_context._registries)
-    if getattr(context, "_kickdrift_lists", (0,))[0] != number:
+    if getattr(context, "_kickdrift_lists", (-1,))[0] != number:
         registries = [*context._registries, *context.typing_context._registries]
         lists = [part for registry in registries for part in vars(registry).values() if isinstance(part, list)]
         context._kickdrift_lists = number, lists

@@ -14,7 +14,7 @@ FORMULAS = (
     "sqrt(r)+exp(-r)*log(k*r)", "sin(r)*cos(k*r)+tan(r/2)", "sec(r/3)+csc(r)+cot(r)", "sinh(r)-cosh(r/k)+tanh(r)",
     "square(r)+cube(r)/recip(r)", "abs(r-2)*min(r, 2)+max(r, k)", "step(r-0.5)*r", "select(step(r-1), r^2, k*r)",
     "select(k-1.7, 1, r^3)", "-r^2+2^-1/r^k^0.5+k^r+r^n", "k*d^2; d=r-r0; r0=0.5*k", "exp*min(min, r)*exp(-exp*r)",
-    "r^0.5+r^-0.5+r^-3+r^1.5", "k*(r-2)^n", "select(step(r-2), sqrt(r-2), 0)",
+    "r^0.5+r^-0.5+r^-3+r^1.5", "k*(r-2)^n", "k*r^(n/2)+r^2.5", "select(step(r-2), sqrt(r-2), 0)",
 )  # fmt: skip
 
 
@@ -33,6 +33,12 @@ def test_tanh_ends_at_one_far_away():
     numbers = law_of("tanh(50*r)", "r").of("", {}, 1.0, 1.0)
     assert value_of(numbers, 100.0) == (1.0, 0.0)
     assert value_of(numbers, -100.0)[0] == -1.0
+
+
+def test_a_power_of_pairs_need_not_be_whole():
+    force = kd.FormulaPair("k*(r-r0)^n+r^-2.5", {"k": 3.0, "r0": 0.6, "n": 2.5}, cutoff=2.0, truncation="cut")
+    assert value_of(force.law, 1.0)[0] == pytest.approx(3.0 * 0.4**2.5 + 1.0)
+    assert math.isnan(value_of(force.law, 0.25)[0])
 
 
 @pytest.mark.long

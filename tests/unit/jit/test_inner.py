@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import operator
 import pickle
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -146,3 +148,9 @@ def test_a_version_of_numba_that_counts_no_registrations_refreshes_each_time(mon
     for _ in range(2):
         numba_front._refresh_if_new(context)
     assert asked == [context, context]
+
+
+def test_code_on_disk_may_be_the_first_thing_that_a_process_asks_for():
+    told = "import kickdrift.jit.inner; from numba.core.registry import cpu_target; cpu_target.target_context.refresh()"
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -33,8 +33,10 @@ FUNCTIONS: dict[str, tuple[int, Numeric]] = {  # number of arguments, and the va
     "abs": (1, abs), "step": (1, lambda x: 0.0 if x < 0.0 else 1.0), "min": (2, min), "max": (2, max),
     "select": (3, lambda x, yes, no: yes if x != 0.0 else no),
 }  # fmt: skip
-PARITY = "(-1)^"  # names the factor of a power of a negative number, which no formula can call
-INNER: dict[str, Numeric] = {PARITY: lambda n: math.nan if n % 1.0 else 1.0 - 2.0 * (n % 2.0)}
+# For a power of a negative number, which has a value where the exponent is whole: the factor of the power, and that of
+# the number in the logarithm, which 1 leaves without a value. No formula can call these names.
+PARITY, MIRROR = "(-1)^", "-1 if whole"
+INNER: dict[str, Numeric] = {PARITY: lambda n: 1.0 - 2.0 * (n % 2.0), MIRROR: lambda n: 1.0 if n % 1.0 else -1.0}
 WRITTEN: dict[str, str] = {  # functions of others
     "tan": "sin(x)/cos(x)", "sec": "1/cos(x)", "csc": "1/sin(x)", "cot": "cos(x)/sin(x)",
     "sinh": "0.5*(exp(x)-exp(-x))", "cosh": "0.5*(exp(x)+exp(-x))", "tanh": "1-2/(exp(min(2*x,80))+1)", "square": "x*x",
@@ -308,9 +310,9 @@ class Writer:
         if not self.lanes:
             made = self._step(f"math.pow({base.value}, {n})", None)
             return self._sloped(made, f"{n} * math.pow({base.value}, {below}) * {base.slope}")
-        sign = self._number(ast.Call(ast.Name(f"v_{PARITY}"), [exponent], [])).value
+        sign, mirror = (self._number(ast.Call(ast.Name(f"v_{name}"), [exponent], [])).value for name in INNER)
         negative = f"{base.value} < 0.0"
-        log = self._step(f"math.log({self._choice(negative, f'-{base.value}', base.value)})", None).value
+        log = self._step(f"math.log({self._choice(negative, f'{mirror} * {base.value}', base.value)})", None).value
         made = self._step(f"math.exp({n} * {log}) * {self._choice(negative, sign, '1.0')}", None)
         slope = f"{n} * math.exp({below} * {log}) * {self._choice(negative, f'-{sign}', '1.0')} * {base.slope}"
         return self._sloped(made, slope)
