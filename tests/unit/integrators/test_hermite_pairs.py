@@ -166,7 +166,7 @@ def test_a_checkpoint_whose_pairs_make_no_sense_is_refused(key, value):
             {"pairs": "regularised", "dt": 0.1}, [], 0.0,
             "dt: fixes the step of hermite4; give either dt, or eta, scheme and pairs",
         ),
-        (OPTIONS, [], 0.1, "pairs: orbits of pairs need gravity without softening, got 0.1"),
+        (OPTIONS, [], 0.1, "pairs: orbits of pairs need gravity with softening = 0, got 0.1"),
         (OPTIONS, [kd.CloseApproach(0.1)], 0.0, "pairs: one step of a regularised pair may be many orbits, in which"),
     ],
 )  # fmt: skip

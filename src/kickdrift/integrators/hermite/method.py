@@ -75,7 +75,7 @@ class Hermite(Method):
         if options.get(PAIRS.name) == REGULARISED:
             (gravity,) = system.forces
             if gravity.softening > 0.0:
-                raise InputError(f"pairs: orbits of pairs need gravity without softening, got {gravity.softening:g}")
+                raise InputError(f"pairs: orbits of pairs need gravity with softening = 0, got {gravity.softening:g}")
             from kickdrift.integrators.hermite.pairs.stepper import PairStepper
 
             return PairStepper(flow, options)
