@@ -385,6 +385,12 @@ class Law(NamedTuple):
         return self.Parameters(1.0 / length, energy, *numbers)
 
 
+def _plain_value(p: Any, at: float) -> Any:
+    """Energy and slope of a law of a formula without compiling; numbers without a value are nan."""
+    with np.errstate(all="ignore"):
+        return p.safe_law(np.float64(at))
+
+
 @lru_cache(maxsize=256)
 def law_of(text: str, variable: str) -> Law:
     """The law of a formula of r (pairs have ``r2``), of a bond's r, or of an angle, ``theta``.
@@ -415,6 +421,6 @@ def law_of(text: str, variable: str) -> Law:
     fields = [("per_length", float), ("energy", float), *((f"c{k}", float) for k in range(len(writer.numbers)))]
     made_class: Any = NamedTuple("FormulaLaw", fields)  # type: ignore[misc]
     cls: Any = made_class
-    cls.law, cls.plain = scope["law"], np.errstate(all="ignore")(lambda p, at: safe["law"](p, np.float64(at)))
+    cls.law, cls.safe_law, cls.plain = scope["law"], safe["law"], _plain_value
     cls.said = f"formula {shown(' '.join(text.split()))}"
     return Law(cls, formula, tuple(writer.numbers))
