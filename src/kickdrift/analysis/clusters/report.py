@@ -127,11 +127,16 @@ class ClusterReport(Shown):
         relaxation = measured(f"{first.relaxation_time:.4g}", self.units.symbol("time"))
         lines.append(("relaxation", f"{relaxation} at the half-mass radius of the first state"))
         if not math.isnan(last.tidal_radius):
-            lines.append(("tidal radius", measured(f"{last.tidal_radius:.4g}", self.units.symbol("length"))))
+            lines.append(
+                (
+                    "tidal radius",
+                    f"{measured(f'{last.tidal_radius:.4g}', self.units.symbol('length'))} in the last state",
+                )
+            )
         lines.append(("escapers", f"{last.escapers:,} in the last state"))
         if last.binaries:
             energy = measured(f"{last.binary_energy:.4g}", self.units.symbol("energy"))
-            lines.append(("binaries", f"{last.binaries} in the last state, energy {energy}"))
+            lines.append(("binaries", f"{last.binaries} above 1 kT in the last state, energy {energy}"))
         return lines + warning_lines(self.warnings)
 
 
