@@ -245,7 +245,7 @@ def _orbits(
     ends = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given, given]
     if len(ends) != 2 or ends[0] is None or not 0 < number(ends[0]) <= number(ends[1]) < math.inf:
         raise InputError(f"binaries.a: expected a length above zero, or a range of two, got {shown(given)}")
-    low, high = map(float, ends)
+    low, high = (number(each) for each in ends)
     a = low * (high / low) ** rng.random(count) / unit
     e: Any = binaries.get("e", "thermal")
     if e == "thermal":
