@@ -1,6 +1,6 @@
 // Particles that move while the reader changes method, step, and, where there are any, heat bath and cutoff.
 
-const BUDGET = 6, MOST = 40; // milliseconds and steps of a picture
+const BUDGET = 4, MOST = 40; // milliseconds and steps of a picture
 const LOOK = 10, WINDOW = 400; // pictures between two looks at the energy, and looks in a figure
 const BINS = 120, ASKED = 60; // bins of g(r), and particles whose neighbours a picture counts
 const FEW = 30, TRAIL = 600; // most bodies that have trails in open space, and places of a trail
