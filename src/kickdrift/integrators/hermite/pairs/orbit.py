@@ -96,10 +96,10 @@ def tide(bodies, pairs, p, time, r):
 
 
 @jit
-def flow(gm, x, r, v, beta):
-    """Kepler's motion over a fictitious time x. Return place, velocity and the time. ``beta`` is 2 |energy|: close to
-    a pericentre, rounding of r and v would lose it."""
+def flow(gm, x, r, v):
+    """Kepler's motion over a fictitious time x. Return place, velocity and the time."""
     r0, eta = math.sqrt(dot(r, r)), dot(r, v)
+    beta = 2.0 * gm / r0 - dot(v, v)
     zeta = gm - beta * r0
     g = one_g(beta, x)
     dt = r0 * x + eta * g.g2 + zeta * g.g3
@@ -108,26 +108,26 @@ def flow(gm, x, r, v, beta):
 
 
 @jit
-def fictitious(gm, dt, r, v, beta):
+def fictitious(gm, dt, r, v):
     """Fictitious time in which Kepler's motion takes the time dt >= 0, which is below a period."""
     r0, eta = math.sqrt(dot(r, r)), dot(r, v)
+    beta = 2.0 * gm / r0 - dot(v, v)
     g = one_solution(gm, beta, r0, eta, gm - beta * r0, dt)
     return g.g1 + beta * g.g3
 
 
 @jit
-def part(bodies, pairs, p, gm, x, sign, time, r, v, beta):
-    """Take a step of the splitting. Return place, velocity, time, which falls with the ``sign`` -1, and beta."""
+def part(bodies, pairs, p, gm, x, sign, time, r, v):
+    """Take a step of the splitting. Return place, velocity and time, which falls with the ``sign`` -1."""
     never_inline()
     drifts, kicks = pairs.drifts, pairs.kicks
-    r, v, dt = flow(gm, drifts[0] * x, r, v, beta)
+    r, v, dt = flow(gm, drifts[0] * x, r, v)
     time += sign * dt
     for k in range(kicks.size):
-        kick = (kicks[k] * x * math.sqrt(dot(r, r))) * tide(bodies, pairs, p, time, r)
-        beta -= dot(2.0 * v + kick, kick)
-        r, v, dt = flow(gm, drifts[k + 1] * x, r, v + kick, beta)
+        v = v + (kicks[k] * x * math.sqrt(dot(r, r))) * tide(bodies, pairs, p, time, r)
+        r, v, dt = flow(gm, drifts[k + 1] * x, r, v)
         time += sign * dt
-    return r, v, time, beta
+    return r, v, time
 
 
 @jit
@@ -147,12 +147,12 @@ def follow(bodies, pairs, p, end):
         x = 2.0 * math.pi / (math.sqrt(beta) * PARTS)
         longest = 1.1 * x * axis * (1.0 + e)  # of the time of a part
         while sign * (end - time) > longest:
-            r, v, time, beta = part(bodies, pairs, p, gm, x, sign, time, r, v, beta)
+            r, v, time = part(bodies, pairs, p, gm, x, sign, time, r, v)
         if sign * (end - time) > 0.0:
-            rest = fictitious(gm, sign * (end - time), r, v, beta)
+            rest = fictitious(gm, sign * (end - time), r, v)
             parts = math.ceil(rest / x)
             for _ in range(parts):
-                r, v, time, beta = part(bodies, pairs, p, gm, rest / parts, sign, time, r, v, beta)
+                r, v, time = part(bodies, pairs, p, gm, rest / parts, sign, time, r, v)
     moved, kicked = kepler_increments(gm, sign * (end - time), r, v)  # what tides made of the last time, or all of it
     keep(pairs.now, p, r + moved, sign * (v + kicked))
 
