@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from kickdrift.display.showing import last_stage
 from kickdrift.errors import RunError
-from kickdrift.integrators.options import PAIRS
+from kickdrift.integrators.options import PAIRS, REGULARISED
 from kickdrift.looks.columns import TIME
 from kickdrift.looks.observers import columns_of
 from kickdrift.looks.record import WRITING
@@ -67,7 +67,7 @@ class File(Watcher):
     @property
     def takes_series(self) -> bool:
         """Whether `series` can write looks after the run has left them: these have no events, columns or forces."""
-        told = self._run.events or self._run.options.get(PAIRS.name)
+        told = self._run.events or self._run.options.get(PAIRS.name) == REGULARISED
         other = told or self._acting or self._columns or "forces" in self._writer.writes
         return not (other or self._run.replaced)
 
