@@ -164,10 +164,10 @@ def slope_tests(given: Subject) -> tuple[list[ForceCheck], Floats]:
         for _ in range(SAMPLED // len(given.states)):
             i, axis = int(given.rng.choice(free)), int(given.rng.integers(axes))
             force, size = at.forces[i, axis], max(LEAST * typical, float(np.abs(at.forces[i]).max()))
-            off = [abs(_slope(given, x, i, axis, h * given.near[i]) + force) / size for h in STEPS]
+            off = _slope_errors(given, x, i, axis, force, size, STEPS)
             errors = np.maximum(errors, off)
             if given.stated and min(off) > SLOPE_BOUND:
-                off += [abs(_slope(given, x, i, axis, h * given.near[i]) + force) / size for h in SHORTER]
+                off += _slope_errors(given, x, i, axis, force, size, SHORTER)
             if min(off) > worst:
                 worst, culprit = min(off), f"{system.body(i)}, {'xyz'[axis]}"
         noise = max(noise, _noise(given, x, int(given.rng.choice(free))))
@@ -188,6 +188,13 @@ def _slope(given: Subject, x: Floats, i: int, axis: int, h: float) -> float:
     """dE/dx by central differences of order 4."""
     e = [given.evaluate(_moved(x, i, axis, k * h)).energy for k in (-2, -1, 1, 2)]
     return (e[0] - 8 * e[1] + 8 * e[2] - e[3]) / (12 * h)
+
+
+def _slope_errors(
+    given: Subject, x: Floats, i: int, axis: int, force: float, size: float, steps: tuple[float, ...]
+) -> list[float]:
+    """Differences between a force and the slope of the energy for each step, relative to ``size``."""
+    return [abs(_slope(given, x, i, axis, h * given.near[i]) + force) / size for h in steps]
 
 
 def _noise(given: Subject, x: Floats, i: int) -> float:

@@ -109,7 +109,7 @@ def flow(gm, x, r, v):
 
 @jit
 def fictitious(gm, dt, r, v):
-    """Fictitious time in which Kepler's motion takes the time dt >= 0, which is below a period."""
+    """Fictitious time of Kepler's motion over a time dt, from zero to less than a period."""
     r0, eta = math.sqrt(dot(r, r)), dot(r, v)
     beta = 2.0 * gm / r0 - dot(v, v)
     g = one_solution(gm, beta, r0, eta, gm - beta * r0, dt)
